@@ -30,8 +30,9 @@ _LARGEST = 5.0  # stated deviations of an error that explains anything
 _FARTHEST_K = 150.0  # of a temperature
 _STEP_K = 5.0  # of the first estimate
 _LEAST_K = 1e-3
-_REPEATED = 3  # evaluations of a temperature
+_MOST_OFTEN, _ENOUGH = 12, 2e-3  # evaluations of a temperature, until it changes by less
 _MOSTLY = 0.5  # of what the errors leave, by a cause that is named
+_CLEAR = 9.0  # of chi-square: the size of a cause is 3 of its errors or more
 _BY_CHANCE = 3.84  # of chi-square: causes that explain as much with a probability of 5 %
 
 
@@ -154,12 +155,13 @@ def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Ca
     beyond = max(left - len(z), 1.0) / even
     found = []
     for trial in tried:
-        kelvin = trial.change(_STEP_K) / _STEP_K
-        for _ in range(_REPEATED):
+        kelvin, before_K = trial.change(_STEP_K) / _STEP_K, math.inf
+        for _ in range(_MOST_OFTEN):
             size, weight = size_of(kelvin)
             size = float(np.clip(size, -_FARTHEST_K, _FARTHEST_K))
-            if abs(size) > _LEAST_K:
-                kelvin = trial.change(size) / size
+            if abs(size - before_K) < _ENOUGH * abs(size) or abs(size) < _LEAST_K:
+                break
+            kelvin, before_K = trial.change(size) / size, size
         error = max(weight, 1e-12) ** -0.5
         found.append((size**2 * weight, trial.name, "K", kelvin, size, error))
     for mode in modes:
@@ -168,11 +170,11 @@ def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Ca
             gain, error = size**2 * weight, (max(1.0 - weight, 0.0) / max(weight, 1e-12)) ** 0.5
             found.append((gain, mode.name, "stated deviations", mode.kelvin, size, error))
     best = max((each[0] for each in found), default=0.0)
-    if best < _MOSTLY * beyond:
+    if best < max(_MOSTLY * beyond, _CLEAR):
         return ()
     out = []
     for gain, name, unit, kelvin, size, error in sorted(found, key=lambda each: -each[0]):
-        if gain >= best - _BY_CHANCE:
+        if gain >= max(best - _BY_CHANCE, _CLEAR):
             rest = tested.again(change_K - size * np.nan_to_num(kelvin))
             out.append(
                 Cause(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cldit.comparison.causes import Cause, causes, trials
 from cldit.comparison.chi_square import LEVEL
 from cldit.comparison.keys import KeyDifference, key_differences
+from cldit.comparison.members import injections_p
 from cldit.comparison.modes import Mode
 from cldit.comparison.pixels import together
 from cldit.comparison.profiles import LineDifference, line_differences
@@ -23,6 +24,7 @@ from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.comparison.tested import RegionDifference, seen_in_both, tested
 from cldit.comparison.verdict import Verdict
+from cldit.run.ensemble import INJECTIONS
 
 Image = NDArray[np.float64]
 Align = Literal["metadata", "images"]
@@ -53,7 +55,8 @@ class Difference:
     instead. at_least: True if a cause of a stated error is unknown. only: number of pixels with a
     T_app only in the first, and only in the second. unshared_K: the errors that they do not share;
     shared: names of sources whose errors they share; tested: of those by keys that omit physics in
-    one alone, which no error explains. code: rooms of cldit whose sources differ. regions: `all`
+    one alone, which no error explains. code: rooms of cldit whose sources differ. injections_p: by
+    permutation of the injections of both, if both have several. regions: `all`
     pixels that are visible in both, and the parts of the spray. modes: errors that all pixels
     share. averaged: description of an average onto the other's pixels. view: as found from the
     images, with its errors. keys: that differ between the scenes. causes: that explain the
@@ -72,6 +75,7 @@ class Difference:
     code: tuple[str, ...]
     at_least: bool
     given_K: float | None
+    injections_p: float | None
     regions: Mapping[str, RegionDifference]
     modes: tuple[Mode, ...]
     averaged: str
@@ -112,9 +116,15 @@ class Difference:
         """Probability of a larger difference by the errors; None: cannot be told.
 
         Each part of the spray has a test of its own: what differs in a small part is lost among all
-        pixels.
+        pixels. Injections on both sides are compared by their permutation; if there are errors that
+        all pixels share, too, a difference must exceed both.
         """
-        return self.regions["all"].p_value
+        by_errors, by_members = self.regions["all"].p_value, self.injections_p
+        if by_errors is None or by_members is None:
+            return by_errors
+        common = (part.name for each in self.seen for part in each.common)
+        other = any(not name.startswith(INJECTIONS) for name in common)
+        return max(by_errors, by_members) if other else by_members
 
     @property
     def where(self) -> tuple[str, ...]:
@@ -263,6 +273,7 @@ def difference(
         code=parts.code,
         at_least=first.at_least or second.at_least,
         given_K=within_K,
+        injections_p=injections_p(first.run, second.run, found.where["all"]),
         regions=found.regions,
         modes=found.modes,
         averaged=averaged,

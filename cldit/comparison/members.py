@@ -15,6 +15,7 @@ from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
+from cldit.comparison.permutation import LEAST, permutation_p
 from cldit.dit.budget import COMMON, Part, common_parts
 from cldit.dit.maps import Maps
 from cldit.io.images import read_image
@@ -52,23 +53,11 @@ class Members:
     @classmethod
     def of(cls, run: Run, *, recorded: Maps | None = None) -> "Members | None":
         """Injections of a run, on the pixels of its sensor if `recorded`; None: fewer than 3."""
-        if run.ensemble is None or run.folder is None or run.ensemble.members < 3:
+        if run.ensemble is None or run.folder is None or run.ensemble.members < LEAST:
             return None
         maps = run.maps if recorded is None else recorded
         seen = np.asarray(maps.has_temperature)
-        view, curve = SensorView.from_scene(run.scene), Curve(filter_um=run.quadrature.filter_um)
-        emissivity, own = np.zeros((2, run.ensemble.members, np.count_nonzero(seen)))
-        for number in range(len(own)):
-            folder = member_folder(run.folder, number + 1) / "maps"
-            here, kelvin = (
-                read_image(folder / f"{name}.tif")[0].astype(float)
-                for name in ("emissivity", "apparent_temperature_K")
-            )
-            known = np.isfinite(kelvin)
-            light = np.zeros(here.shape)
-            light[known] = here[known] * curve.radiance(kelvin[known])
-            for into, image in ((emissivity, np.nan_to_num(here)), (own, light)):
-                into[number] = (image if recorded is None else view.image(image))[seen]
+        emissivity, own = _images(run, seen, on_sensor=recorded is not None)
         return cls.about_mean(run, maps, seen, emissivity, own)
 
     @classmethod
@@ -177,3 +166,41 @@ class Members:
             )
             for one in parts
         )
+
+
+def _images(run: Run, seen: Mask, *, on_sensor: bool) -> tuple[Floats, Floats]:
+    """Emissivity and own radiance (n, N) of the injections of a run, in the pixels `seen`."""
+    assert run.ensemble is not None and run.folder is not None
+    view, curve = SensorView.from_scene(run.scene), Curve(filter_um=run.quadrature.filter_um)
+    emissivity, own = np.zeros((2, run.ensemble.members, np.count_nonzero(seen)))
+    for number in range(len(own)):
+        folder = member_folder(run.folder, number + 1) / "maps"
+        here, kelvin = (
+            read_image(folder / f"{name}.tif")[0].astype(float)
+            for name in ("emissivity", "apparent_temperature_K")
+        )
+        known = np.isfinite(kelvin)
+        light = np.zeros(here.shape)
+        light[known] = here[known] * curve.radiance(kelvin[known])
+        for into, image in ((emissivity, np.nan_to_num(here)), (own, light)):
+            into[number] = (view.image(image) if on_sensor else image)[seen]
+    return emissivity, own
+
+
+def injections_p(one: Run | None, other: Run | None, seen: Mask) -> float | None:
+    """Probability that the injections of two runs are of the same spray, by permutation.
+
+    seen: (H, W) pixels that count. None if one has fewer than 3 injections, or others pixels.
+    """
+    sides = []
+    for run in (one, other):
+        if run is None or run.ensemble is None or run.folder is None:
+            return None
+        if run.ensemble.members < LEAST or run.maps.reason.shape != seen.shape:
+            return None
+        sides.append((run, *_images(run, seen, on_sensor=False)))
+    curve = Curve(filter_um=sides[0][0].quadrature.filter_um)
+    kelvin = np.mean([run.maps.apparent_temperature_K[seen] for run, *_ in sides], axis=0)
+    black, slope = curve.radiance(kelvin), curve.slope(kelvin)
+    images = [(own - black * emissivity) / slope for _, emissivity, own in sides]
+    return permutation_p(images[0], images[1])

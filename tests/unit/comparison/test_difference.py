@@ -24,7 +24,7 @@ from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.origin import Origin, code
 from cldit.radiance.weights import Weights
-from cldit.run import Run, open_run
+from cldit.run import Run, open_run, reevaluated
 from cldit.scene import load_scene
 from cldit.show.report.comparison_page import write_comparison
 
@@ -407,6 +407,52 @@ def test_a_line_is_a_run_with_one_quantity_changed() -> None:
     assert sizes["k"] == pytest.approx(0.5, abs=0.1) and "walls by 3 K" in sizes
     with pytest.raises(EvaluationError, match="line k: measured is no run"):
         compare(measured, run, lines={"k": measured})
+
+
+@pytest.mark.parametrize("swap", [False, True])
+def test_warmer_walls_are_named_with_their_size(swap: bool) -> None:
+    """20 K in a trace of 0.05 K: by the exact change, since the derivative is 20 % off at 450 K.
+
+    Scattered light of the walls is the tenth of the droplets' light in the written run.
+    """
+    run = open_run(WRITTEN)
+    run = reevaluated(run, run.scene)  # its maps are those of an older version
+    info = replace(run.info, errors=Errors((Cause("trace", 0.05, "", shared_by="seed"),)))
+    run = replace(run, folder=None, info=info, error_maps={})
+    walls_K = run.scene.walls.temperature_K
+    warmer = reevaluated(run, run.scene.with_(**{"walls.temperature_K": walls_K + 20.0}))
+    pair = (warmer, run) if swap else (run, warmer)
+    shown = [replace(open_shown(each), error_map_K=None) for each in pair]
+    found = difference(replace(shown[0], error_K=0.05), replace(shown[1], error_K=0.05))
+    verdict = found.verdict
+    assert verdict.differs and verdict.lines[0].startswith("keys: walls.temperature_K: ")
+    best = verdict.causes[0]
+    assert (best.name, best.unit) == ("walls", "K")
+    assert best.size == pytest.approx(-20.0 if swap else 20.0, abs=0.1)
+    assert best.error < 2.0 and best.p_value > 0.01
+
+
+def test_errors_that_hide_all_leave_no_power() -> None:
+    """Noise of 0.1 K with stated errors of 3 K: p is above 0.99, which is no agreement."""
+    one = shown(400.0 + 0.1 * noise(6), error_K=3.0)
+    verdict = difference(one, shown(400.0 + 0.0 * noise(6), error_K=0.0)).verdict
+    assert not verdict.differs and not verdict.power
+    assert verdict.text.startswith("no power (p > 0.99): T_app ")
+    assert "p = 1" not in verdict.text and verdict.seen_K is not None
+    # 1600 pixels of 3 K in 4 parts: 5.8 to 6.6 errors of the mean, by the F test's directions.
+    assert verdict.seen_K == pytest.approx(6.2 * 3.0 / 40.0, rel=0.15)
+
+
+def test_a_copied_recording_knows_its_run(tmp_path: Path) -> None:
+    """The rig file of a simulated rig names the run, whose errors both have."""
+    folder = Path(shutil.copytree(WRITTEN, tmp_path / "run"))
+    copied = Path(shutil.copytree(folder / "acquisition", tmp_path / "elsewhere"))
+    inside = difference(folder, folder / "acquisition", resample=True)
+    assert difference(folder, copied, resample=True).unshared_K != inside.unshared_K
+    rig = copied / "rig.yaml"
+    rig.write_text(rig.read_text().replace("FOLDER", str(folder)))
+    found = difference(folder, copied, resample=True)
+    assert found.unshared_K == inside.unshared_K and found.p_value == inside.p_value
 
 
 def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
