@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from cldit.comparison.causes import Cause, causes, trials
 from cldit.comparison.chi_square import LEVEL
-from cldit.comparison.keys import KeyDifference, key_differences
 from cldit.comparison.members import injections_p
 from cldit.comparison.modes import Mode
 from cldit.comparison.pixels import together
@@ -25,6 +24,7 @@ from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.comparison.tested import RegionDifference, seen_in_both, tested
 from cldit.comparison.verdict import Verdict
 from cldit.run.ensemble import INJECTIONS
+from cldit.scene.keys import KeyDifference, key_differences
 
 Image = NDArray[np.float64]
 Align = Literal["metadata", "images"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from cldit.comparison.causes import Cause
 from cldit.comparison.chi_square import LEVEL, probability
-from cldit.comparison.keys import KeyDifference
+from cldit.scene.keys import KeyDifference
 
 _TWO_SIDED = 1.96  # standard errors of an interval of 95 %
 _KEYS = 3  # that are named

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
 
-from cldit.comparison.chi_square import chi_square, correlation
+from cldit.camera.correlation import correlation
+from cldit.comparison.chi_square import chi_square
 
 SHAPE = (48, 60)
 EVERYWHERE = np.ones(SHAPE, bool)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cldit.accuracy.errors import OMISSION, Cause, Errors
 from cldit.camera.curve import Curve
 from cldit.comparison import Shown, compare, difference, open_shown
-from cldit.comparison.keys import key_differences
 from cldit.comparison.pixels import together
 from cldit.comparison.regions import positions_m
 from cldit.comparison.shape import shape_of
@@ -26,6 +25,7 @@ from cldit.io.origin import Origin, code
 from cldit.radiance.weights import Weights
 from cldit.run import Run, open_run, reevaluated
 from cldit.scene import load_scene
+from cldit.scene.keys import key_differences
 from cldit.show.report.comparison_page import write_comparison
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
