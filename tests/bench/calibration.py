@@ -21,7 +21,7 @@ import numpy as np
 from scipy.stats import kstest
 
 from cldit.arrays import Ints
-from cldit.comparison import Difference, difference, open_shown
+from cldit.comparison import Difference, Shown, difference, open_shown
 from cldit.run import Run, open_run, simulate
 from cldit.run.ensemble import ensemble_run, member_folder
 from cldit.scene import Scene, load_scene
@@ -56,13 +56,16 @@ def main() -> None:
         recorded = [recording(run, seed=seed) for seed in range(given.seeds)]
         found = [difference(shown, one, resample=True) for one in recorded]
         for name in found[0].regions:
-            p = np.array([one.regions[name].p_value or 0.0 for one in found])
-            chi2 = np.array([one.regions[name].chi2_reduced or np.nan for one in found])
+            tested = [one.regions[name] for one in found if one.regions[name].p_value is not None]
+            if not tested:
+                continue
+            p = np.array([one.p_value for one in tested], float)
+            chi2 = np.array([one.chi2_reduced for one in tested], float)
             print(
                 f"{name:8} p < 0.05: {np.sum(p < 0.05)}, p < 0.01: {np.sum(p < 0.01)}, "
-                f"reduced chi-square {np.nanmean(chi2):.3f} ± {np.nanstd(chi2):.3f}"
+                f"reduced chi-square {chi2.mean():.3f} ± {chi2.std():.3f}"
             )
-        pairs = zip(recorded, recorded[1:], strict=False)
+        pairs = zip(recorded[::2], recorded[1::2], strict=False)
         uniform("run", found)
         uniform("recordings", [difference(one, other, resample=True) for one, other in pairs])
         walls_K = scene.walls.temperature_K
@@ -115,7 +118,8 @@ def of_members(name: str, count: int, trials: int, *, quick: bool) -> dict[str, 
                 part_of(out / "pool", scene.with_(**some, **more), chosen, out / f"{trial}-{place}")
                 for place, (chosen, more) in enumerate(((drawn[:count], {}), (drawn[count:], seed)))
             )
-            for kind, first in zip(kinds, (one, recording(one, seed=trial)), strict=True):
+            firsts: tuple[Run | Shown, ...] = (one, recording(one, seed=trial))
+            for kind, first in zip(kinds, firsts, strict=True):
                 for change, second in (("nothing", rest), ("mass + 10 %", other)):
                     found[f"{kind}, {change}"].append(difference(first, second, resample=True))
     return found
