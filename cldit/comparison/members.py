@@ -7,6 +7,7 @@ sum of squares of a difference along k such components is Hotelling's T^2, that 
 n - k degrees of freedom after division by (n - 1) / (n - k), by which the components are enlarged.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,8 @@ from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
-from cldit.comparison.permutation import LEAST, permutation_p
+from cldit.comparison.chi_square import LEVEL
+from cldit.comparison.permutation import permutation_p
 from cldit.dit.budget import COMMON, Part, common_parts
 from cldit.dit.maps import Maps
 from cldit.io.images import read_image
@@ -53,7 +55,7 @@ class Members:
     @classmethod
     def of(cls, run: Run, *, recorded: Maps | None = None) -> "Members | None":
         """Injections of a run, on the pixels of its sensor if `recorded`; None: fewer than 3."""
-        if run.ensemble is None or run.folder is None or run.ensemble.members < LEAST:
+        if run.ensemble is None or run.folder is None or run.ensemble.members < 3:
             return None
         maps = run.maps if recorded is None else recorded
         seen = np.asarray(maps.has_temperature)
@@ -190,15 +192,19 @@ def _images(run: Run, seen: Mask, *, on_sensor: bool) -> tuple[Floats, Floats]:
 def injections_p(one: Run | None, other: Run | None, seen: Mask) -> float | None:
     """Probability that the injections of two runs are of the same spray, by permutation.
 
-    seen: (H, W) pixels that count. None if one has fewer than 3 injections, or others pixels.
+    seen: (H, W) pixels that count. None if one has other pixels, or if there are too few injections
+    for a p below the level of the test, which needs 5 on each side.
     """
     sides = []
     for run in (one, other):
         if run is None or run.ensemble is None or run.folder is None:
             return None
-        if run.ensemble.members < LEAST or run.maps.reason.shape != seen.shape:
+        if run.maps.reason.shape != seen.shape:
             return None
         sides.append((run, *_images(run, seen, on_sensor=False)))
+    count, of = len(sides[0][1]), sum(len(emissivity) for _, emissivity, _ in sides)
+    if 2.0 / math.comb(of, count) > LEVEL:
+        return None
     curve = Curve(filter_um=sides[0][0].quadrature.filter_um)
     kelvin = np.mean([run.maps.apparent_temperature_K[seen] for run, *_ in sides], axis=0)
     black, slope = curve.radiance(kelvin), curve.slope(kelvin)

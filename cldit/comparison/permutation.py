@@ -19,7 +19,6 @@ from cldit.arrays import Floats
 _MOST = 3  # components, and at most a quarter of the members
 _EXACT = 5000  # divisions that are all tried; else so many are drawn
 _SEED = 1
-LEAST = 3  # members on each side
 
 
 def permutation_p(one: Floats, other: Floats) -> float:

@@ -330,6 +330,20 @@ def test_pixel_sampling_is_shared_where_the_rays_are_the_same() -> None:
         assert counted[more > 1.0] == pytest.approx(np.hypot(2.0, 0.5))
 
 
+def test_half_of_an_error_of_unknown_image_is_common() -> None:
+    """Against a measurement: cells are wrong alike in whole areas, rays in each pixel."""
+    run = open_run(WRITTEN)
+    causes = Cause("cells", 3.0, "", shared_by="cells"), Cause("trace", 0.5, "", shared_by="seed")
+    run = with_causes(run, *causes, order=None)
+    whole = np.full(run.maps.reason.shape, float(np.hypot(3.0, 0.5)))
+    run = replace(run, error_maps={"total": whole.astype(np.float32)})
+    counted = unshared(replace(open_shown(run), name="model"), shown(whole)).one
+    (part,) = counted.common
+    assert part.name == "cells" and part.kelvin == pytest.approx(3.0 * 0.5**0.5)
+    assert counted.error_map_K == pytest.approx(np.hypot(3.0, 0.5))
+    assert counted.independent_K2 == pytest.approx(4.5 + 0.25)
+
+
 def test_what_the_code_changed_is_not_shared() -> None:
     """Another commit alone shares nothing; with digests, all but what the changed room makes."""
     old = open_run(WRITTEN)
