@@ -7,9 +7,9 @@ from cldit.cli.program import Program, epilog
 
 _COMMANDS = {
     "run": "cldit.cli.run:run",
-    "repeat": "cldit.cli.diff:repeat_command",
-    "compare": "cldit.cli.diff:compare_command",
-    "diff": "cldit.cli.diff:diff",
+    "repeat": "cldit.cli.compare:repeat_command",
+    "compare": "cldit.cli.compare:compare_command",
+    "diff": "cldit.cli.compare:diff",
     "scenes": "cldit.cli.scenes:scenes",
     "devices": "cldit.cli.devices:devices",
     "check-driver": "cldit.cli.check_driver:check_driver",

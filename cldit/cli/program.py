@@ -35,7 +35,7 @@ _TEXT = {
     Exit.DONE: "done",
     Exit.FAILED: "refused or failed; the standard error gives the reason",
     Exit.USAGE: "invalid command line",
-    Exit.DIFFERS: "compare, diff, repeat: beyond the errors; plan --separate: no plan is enough",
+    Exit.DIFFERS: "compare, repeat: beyond the errors; plan --separate: no plan is enough",
     Exit.STOPPED: "stopped by Ctrl-C",
 }
 

@@ -14,7 +14,12 @@ has the covariance of the modes and of the noise: it is large if the modes would
 than stated, or if all of a region is warmer. A shift that lies mostly in the span of the modes is
 left to them: the rest of it is the noise of their patterns, which follows that of z; directions
 along which the modes are smaller than the noise are left to the noise. Beside this span z is noise
-alone, with N - m - 1 degrees of freedom. The probability combines both (Sidak 1967).
+alone, with N - m - 1 degrees of freedom. If the pixels are divided into parts, each has a shift and
+a sum of squares of its own. All these statistics are independent of each other, so that the least
+of their probabilities, for so many tests (Sidak 1967), is uniform.
+
+A shift of all pixels by s has the noncentrality s^2 c' (1 + G)^-1 c, with c = span 1/error. The
+smallest one that the test finds in a given share of all cases follows from noncentral F.
 
 Variances that are estimated from few shots are themselves random. If one estimate with nu degrees
 of freedom scales the covariance of m statistics, their sum of squares over m has Fisher's F
@@ -22,13 +27,9 @@ distribution with m and nu degrees. Where it makes only a share f of the varianc
 nu / f^2 (Satterthwaite 1946). The mean over N pixels of estimated variances has the nu of a pixel
 times the effective number of pixels, as they have the squared correlation of the errors.
 
-Errors of neighbours are correlated, which leaves the mean of chi2 unchanged and increases its
-variance to 2 sum rho_ij^2. The effective number of pixels is therefore N^2 / sum rho_ij^2
-(Satterthwaite 1946). The correlation rho(d) at a distance d is 1 - v(d), with the semivariance
-v(d) = <(z_i - z_j)^2> / 2 and the sill 1 that errors of the stated size have: a smooth difference
-does not change v at short distances, and is not mistaken for a correlation. It is averaged over all
-directions and counts up to the first distance at which it is within its noise: each pair alone is
-too noisy, while their sum increases the variance of a mean tenfold.
+Errors of neighbours are correlated (`cldit.camera.correlation`), which leaves the mean of chi2
+unchanged and increases its variance to 2 sum rho_ij^2. The effective number of pixels is therefore
+N^2 / sum rho_ij^2 (Satterthwaite 1946).
 """
 
 from __future__ import annotations
@@ -37,18 +38,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.special import fdtrc
+from scipy.special import fdtrc, fdtri, ncfdtrinc
 
 from cldit.arrays import Floats, Mask
+from cldit.camera.correlation import correlation
 
-SHARED, OWN = "all pixels together", "single pixels"
-
-_FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
+LEVEL, POWER = 0.01, 0.95  # of the test
 _APART = 0.5  # least share of a shift's square beside the modes
 _SEEN = 1.0  # least variance along a mode, of that of the noise
-_KNOWN_SILL = 3.0  # variance of rho times pairs, of white noise with a known sill; else 1
+_MANY = 1e7  # degrees of freedom of what is as good as known
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +55,10 @@ class ChiSquare:
 
     pixels: their number; effective: that of independent pixels with the same scatter of chi2;
     correlated: factor of the variance of a mean by the correlation of neighbours.
-    reduced: chi2 per pixel. p_value: probability of a larger difference by the errors alone; by:
-    what exceeds its errors most, all pixels together (SHARED) or single ones (OWN).
-    sizes: (M,) of the modes that fit best, in standard deviations. residuals: (H, W) standardised,
-    less these modes; NaN elsewhere.
+    reduced: chi2 per pixel. p_value: probability of a larger difference by the errors alone.
+    seen: shift of all pixels that is found at `LEVEL` with the probability `POWER`; infinite if the
+    modes hide any. sizes: (M,) of the modes that fit best, in standard deviations. residuals: (H,
+    W) standardised, less these modes; NaN elsewhere.
     """
 
     pixels: int
@@ -68,7 +66,7 @@ class ChiSquare:
     correlated: float
     reduced: float
     p_value: float
-    by: str
+    seen: float
     sizes: Floats
     residuals: Floats
 
@@ -80,11 +78,13 @@ def chi_square(
     where: Mask,
     *,
     degrees: tuple[float, float] = (np.inf, np.inf),
+    parts: Sequence[Mask] = (),
 ) -> ChiSquare | None:
     """Chi-square of a `change` (H, W) in the pixels `where`; None without any.
 
     error: (H, W) independent standard errors above 0. modes: (M, H, W). Pixels in which any of
-    these is not finite are omitted. degrees: of freedom of the estimates of both, above 0.
+    these is not finite are omitted. degrees: of freedom of the estimates of both, above 0. parts:
+    into which `where` is divided; none: it is one.
     """
     where = where & np.isfinite(change) & np.isfinite(error) & np.isfinite(modes).all(axis=0)
     count = int(np.count_nonzero(where))
@@ -93,41 +93,61 @@ def chi_square(
     z = change[where] / error[where]
     b = modes[:, where] / error[where]
     gram, along = b @ b.T, b @ z
-    total = float(z @ z)
+    # Along the modes, and a shift of each part, which has no error of its own.
+    span, even = _orthonormal(b), 1.0 / error[where]
+    inside = [each[where] for each in parts if each[where].any()] or [np.ones(count, bool)]
+    for part in inside:
+        shift = np.where(part, even, 0.0)
+        rest = shift - span.T @ (span @ shift)
+        if rest @ rest > _APART * (shift @ shift):
+            span = np.concatenate([span, rest[None] / np.linalg.norm(rest)])
+    noise = z - (span @ z) @ span
     residuals = np.full(change.shape, np.nan)
-    residuals[where] = z - np.linalg.solve(np.eye(len(b)) + gram, along) @ b
+    residuals[where] = noise
     squares, products = correlation(residuals)
     sizes = np.asarray(np.linalg.solve(products * np.eye(len(b)) + gram, along), float)
     residuals[where] = z - sizes @ b
     effective = count / squares
-    # Along the modes, and a shift of all pixels, which has no error of its own.
-    span, shift = _orthonormal(b), 1.0 / error[where]
-    rest = shift - span.T @ (span @ shift)
-    if rest @ rest > _APART * (shift @ shift):
-        span = np.concatenate([span, rest[None] / np.linalg.norm(rest)])
-    found, of_modes = span @ z, span @ b.T
-    of_modes = of_modes @ of_modes.T
-    left, chances = count - len(span), dict[str, float]()
+    chances, seen = list[float](), np.inf
+    for part in inside:
+        left = float(np.sum(part) - np.sum(span[:, part] ** 2))
+        if left >= 1.0:
+            beside = float(np.sum(noise[part] ** 2)) / left
+            own = effective / count * left
+            chances.append(_chance(beside, own, degrees[0] * own))
     if len(span):
+        along_modes = span @ b.T
+        of_modes = along_modes @ along_modes.T
         inverse = np.linalg.inv(products * np.eye(len(span)) + of_modes)
         share = float(np.trace(inverse @ of_modes)) / len(span)
-        statistic = float(found @ inverse @ found) / len(span)
-        chances[SHARED] = _chance(statistic, len(span), degrees[1] / max(share, 1e-6) ** 2)
-    if left > 0:
-        beside = max(total - float(found @ found), 0.0) / left
-        chances[OWN] = _chance(beside, left * effective / count, degrees[0] * effective)
-    by = min(chances, key=lambda one: chances[one])
-    least = chances[by]
+        known = min(degrees[1] / max(share, 1e-6) ** 2, _MANY)
+        statistic = float(span @ z @ inverse @ (span @ z)) / len(span)
+        chances.append(_chance(statistic, len(span), known))
+        level = -np.expm1(np.log1p(-LEVEL) / len(chances))
+        needed = ncfdtrinc(len(span), known, 1.0 - POWER, fdtri(len(span), known, 1.0 - level))
+        seen = float(np.sqrt(needed / (span @ even @ inverse @ (span @ even))))
     return ChiSquare(
         pixels=count,
         effective=effective,
         correlated=products,
         reduced=float(np.sum(residuals[where] ** 2) + sizes @ sizes) / count,
-        p_value=least if len(chances) < 2 else 1.0 - (1.0 - least) ** 2,
-        by=by,
+        p_value=sidak(chances),
+        seen=seen,
         sizes=sizes,
         residuals=residuals,
     )
+
+
+def probability(value: float) -> str:
+    """`p = 0.03`; never 1, for which the errors are too large."""
+    if value > 1.0 - LEVEL:
+        return f"p > {1.0 - LEVEL:g}"
+    return f"p = {value:.2g}" if value > 1e-9 else "p < 1e-9"
+
+
+def sidak(chances: Sequence[float]) -> float:
+    """Probability of the least of several independent probabilities (Sidak 1967)."""
+    return float(-np.expm1(len(chances) * np.log1p(-min(*chances, 1.0 - 1e-16))))
 
 
 def combined_degrees(
@@ -150,40 +170,5 @@ def _orthonormal(rows: Floats) -> Floats:
 
 
 def _chance(value: float, degrees: float, of_variance: float) -> float:
-    """Probability of a larger ratio of variances, F; beyond 1e9 degrees as if known."""
-    return float(fdtrc(degrees, min(of_variance, 1e9), value))
-
-
-def correlation(z: Floats) -> tuple[float, float]:
-    """Sums over the distances of rho^2 and of rho, 1 without correlation; see the module.
-
-    z: (H, W) standardised residuals, NaN where there is none.
-    """
-    known = np.isfinite(z)
-    rows, columns = (np.ptp(np.flatnonzero(known.any(axis=axis))) + 1 for axis in (1, 0))
-    far = max(1, round(_FARTHEST * max(rows, columns)))
-    shape = [next_fast_len(n + far, real=True) for n in z.shape]
-    mask, value = known.astype(float), np.where(known, z, 0.0)
-    of_mask, of_value, of_square = (rfft2(one, shape) for one in (mask, value, value**2))
-
-    def sums(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> Floats:
-        """Sums over pairs of pixels, by their distance; rows, then columns, up to `far`."""
-        whole = irfft2(np.conj(one) * other, shape)
-        near = np.concatenate([whole[-far:], whole[: far + 1]])
-        return np.concatenate([near[:, -far:], near[:, : far + 1]], axis=1)
-
-    pairs = np.rint(sums(of_mask, of_mask))
-    square, product = sums(of_square, of_mask), sums(of_value, of_value)
-    both = square + square[::-1, ::-1]
-    half = 0.5 * both - product
-    mean = float(np.mean(z[known] ** 2))
-    if not mean > 0.0:
-        return float(known.sum()), float(known.sum())  # equal: as good as one pixel
-    down, across = np.indices(pairs.shape) - far
-    ring = np.rint(np.hypot(down, across)).astype(int)
-    count = np.bincount(ring.ravel(), pairs.ravel())
-    rho = 1.0 - np.bincount(ring.ravel(), half.ravel()) / np.maximum(count, 1.0) / min(mean, 1.0)
-    noise = np.sqrt((_KNOWN_SILL if mean >= 1.0 else 1.0) * 2.0 / np.maximum(count, 1.0))
-    near = np.cumprod((rho > noise) & (count > 0))[1 : far + 1]  # up to the first by chance
-    rho, weight = rho[1 : far + 1] * near, count[1 : far + 1] / pairs[far, far]
-    return 1.0 + float(weight @ rho**2), 1.0 + float(weight @ rho)
+    """Probability of a larger ratio of variances, F."""
+    return float(fdtrc(degrees, min(of_variance, _MANY), value))

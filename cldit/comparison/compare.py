@@ -39,12 +39,17 @@ class Comparison:
         """Simulations that the errors rule out, on one line; empty for one."""
         if len(self.differences) < 2:
             return ""
-        out = [one.other for one in self.differences if not one.within]
-        left = [one.other for one in self.differences if one.within]
-        if not out:
-            return f"cannot be told: the errors explain all {len(left)}"
-        kept = f"not ruled out: {', '.join(left)}" if left else "none explains the first"
-        return f"ruled out: {', '.join(out)}; {kept}"
+        left = [one for one in self.differences if one.within]
+        groups = {
+            "ruled out": [one for one in self.differences if not one.within],
+            "not ruled out": [one for one in left if one.verdict.power],
+            "no power": [one for one in left if not one.verdict.power],
+        }
+        return "; ".join(
+            f"{name}: {', '.join(one.other for one in each)}"
+            for name, each in groups.items()
+            if each
+        )
 
     def to_xarray(self) -> xarray.Dataset:
         """Change of T_app and standardised residuals (other, z, x) over z and x in mm.

@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property, partial
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.comparison.chi_square import ChiSquare, chi_square, combined_degrees
-from cldit.comparison.keys import KeyDifference, key_differences
-from cldit.comparison.modes import Mode, shared_modes
+from cldit.comparison.causes import Cause, causes, trials
+from cldit.comparison.chi_square import LEVEL
+from cldit.comparison.members import injections_p
+from cldit.comparison.modes import Mode
 from cldit.comparison.pixels import together
 from cldit.comparison.profiles import LineDifference, line_differences
-from cldit.comparison.regions import Spray2D, positions_m
+from cldit.comparison.regions import positions_m
 from cldit.comparison.registration import aligned
 from cldit.comparison.shape import Value, shape_of
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Openable, Shown, open_shown
+from cldit.comparison.tested import RegionDifference, seen_in_both, tested
+from cldit.comparison.verdict import Verdict
+from cldit.run.ensemble import INJECTIONS
+from cldit.scene.keys import KeyDifference, key_differences
 
 Image = NDArray[np.float64]
 Align = Literal["metadata", "images"]
-
-LEVEL = 0.01  # probability below which two results differ
-_ROUNDED_K = 2e-3  # single precision on different devices
-_CLEAR = 5.0  # standard errors of the emissivity, in pixels that count
-_MOST_MODES = 16
-_LEAST_PIXELS = 4  # of a region
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,46 +48,6 @@ class MapDifference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RegionDifference:
-    """Difference of T_app in a region of the spray, and its test by the errors.
-
-    All numbers are None if they cannot be told: in fewer than 4 pixels, or without stated errors.
-
-    effective_pixels: number of independent pixels with the same scatter of chi-square.
-    mean_error_K: standard error of the mean. chi2_reduced: chi-square per pixel, 1 if the errors
-    explain the difference. p_value: probability of a larger difference by the errors alone; by:
-    what exceeds its errors most, `all pixels together` or `single pixels`.
-    """
-
-    pixels: int
-    effective_pixels: float | None = None
-    rms_K: float | None = None
-    mean_K: float | None = None
-    mean_error_K: float | None = None
-    chi2_reduced: float | None = None
-    p_value: float | None = None
-    by: str | None = None
-
-    @property
-    def differs(self) -> bool:
-        """True if the errors do not explain the difference."""
-        return self.p_value is not None and self.p_value < LEVEL
-
-    @property
-    def cells(self) -> list[str]:
-        """RMS, mean, reduced chi-square, p and number of pixels, as texts."""
-        if self.p_value is None or self.chi2_reduced is None:
-            return ["-", "-", "-", "cannot be told", str(self.pixels)]
-        return [
-            f"{self.rms_K:.3g} K",
-            f"{self.mean_K:+.2g} ± {self.mean_error_K:.2g} K",
-            f"{self.chi2_reduced:.2f}",
-            _probability(self.p_value).removeprefix("= "),
-            str(self.pixels),
-        ]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Difference:
     """Difference between two results, other minus one.
 
@@ -97,11 +56,12 @@ class Difference:
     T_app only in the first, and only in the second. unshared_K, unshared_emissivity: the errors
     that they do not share; shared: names of sources whose errors they share; tested: of those by
     keys that omit physics in one alone, which no error explains. code: rooms of cldit whose sources
-    differ. regions: `all` pixels that are visible in both, and the parts of the spray. modes:
-    errors that all pixels share. averaged: description of an average onto the other's pixels. view:
-    as found from the images, with its errors. keys: that differ between the scenes. seen: both in
-    one view. change_K, error_K, residuals: (H, W), the second with the modes, the last in standard
-    errors, less the modes that fit best.
+    differ. injections_p: by permutation of the injections of both, if both have several. regions:
+    `all` pixels that are visible in both, and the parts of the spray. modes: errors that all pixels
+    share. averaged: description of an average onto the other's pixels. view: as found from the
+    images, with its errors. keys: that differ between the scenes. causes: that explain the
+    difference best. seen: both in one view. change_K, error_K, residuals: (H, W), the second with
+    the modes, the last in standard errors, less the modes that fit best.
     """
 
     one: str
@@ -116,11 +76,13 @@ class Difference:
     code: tuple[str, ...]
     at_least: bool
     given_K: float | None
+    injections_p: float | None
     regions: Mapping[str, RegionDifference]
     modes: tuple[Mode, ...]
     averaged: str
     view: str
     keys: tuple[KeyDifference, ...]
+    causes: tuple[Cause, ...]
     seen: tuple[Shown, Shown] = field(repr=False)
     change_K: Image = field(repr=False)
     error_K: Image = field(repr=False)
@@ -154,13 +116,16 @@ class Difference:
     def p_value(self) -> float | None:
         """Probability of a larger difference by the errors; None: cannot be told.
 
-        The least of all pixels and of each part of the spray, for so many tests (Sidak 1967): what
-        differs in a small part is lost among all pixels.
+        Each part of the spray has a test of its own: what differs in a small part is lost among all
+        pixels. Injections on both sides are compared by their permutation; if there are errors that
+        all pixels share, too, a difference must exceed both.
         """
-        if self.regions["all"].p_value is None:
-            return None
-        known = [one.p_value for one in self.regions.values() if one.p_value is not None]
-        return float(-np.expm1(len(known) * np.log1p(-min(min(known), 1.0 - 1e-16))))
+        by_errors, by_members = self.regions["all"].p_value, self.injections_p
+        if by_errors is None or by_members is None:
+            return by_errors
+        common = (part.name for each in self.seen for part in each.common)
+        other = any(not name.startswith(INJECTIONS) for name in common)
+        return max(by_errors, by_members) if other else by_members
 
     @property
     def where(self) -> tuple[str, ...]:
@@ -179,29 +144,41 @@ class Difference:
         return self.p_value is not None and self.p_value >= LEVEL
 
     @property
-    def verdict(self) -> str:
-        """Conclusion on one line."""
+    def verdict(self) -> Verdict:
+        """Conclusion, with effect, power, keys and causes."""
+        known = {name: one.p_value for name, one in self.regions.items() if one.p_value is not None}
+        if self._untested or not known:
+            return Verdict(differs=None, why=self._untested, keys=self.keys)
+        differs = not self.within
+        name = min(self.where, key=lambda name: known[name]) if differs and self.where else "all"
+        region = self.regions[name]
+        return Verdict(
+            differs=differs,
+            region=name,
+            effect_K=region.mean_K,
+            error_K=region.mean_error_K,
+            rms_K=region.rms_K,
+            seen_K=self.regions["all"].seen_K,
+            p_value=self.p_value,
+            keys=self.keys,
+            causes=self.causes if differs else (),
+            at_least=self.at_least,
+        )
+
+    @property
+    def _untested(self) -> str:
+        """Conclusion without a test by the errors; empty if there is one."""
         if self.same:
             return "the same in every pixel"
         if self.t_app.rms is None:
             return "no pixel has a T_app in both"
         if self.given_K is not None:
             return f"{'within' if self.within else 'beyond'} the {self.given_K:.2g} K RMS allowed"
-        p_value = self.p_value
-        if p_value is None:
+        if self.p_value is None:
             if None in self.unshared_K:
                 return "differs, but no error is stated to compare with; --within gives a limit"
-            return "cannot be told: too few pixels are visible in both"
-        errors = "errors that are not shared" if self.shared else "errors"
-        known = ", as far as they are known" if self.at_least else ""
-        if self.within:
-            return f"explained by the {errors}{known}: p {_probability(p_value)}"
-        parts = f", in {', '.join(self.where)}" if self.where else ""
-        known_p = [
-            (one.p_value, one.by) for one in self.regions.values() if one.p_value is not None
-        ]
-        by = f"; {min(known_p)[1]} differ most"
-        return f"not explained by the {errors}{known}: p {_probability(p_value)}{parts}{by}"
+            return "cannot be tested: too few pixels are visible in both"
+        return ""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -213,12 +190,24 @@ class Difference:
         data["modes"] = {one.name: one.size for one in self.modes}
         data["shapes"] = self.shapes
         data["profiles"] = {name: one.columns for name, one in self.profiles.items()}
-        more = {"same": self.same, "within": self.within, "where": self.where}
-        return {**data, **more, "verdict": self.verdict}
-
-
-def _probability(value: float) -> str:
-    return f"= {value:.2g}" if value > 1e-9 else "< 1e-9"
+        verdict = self.verdict
+        del data["causes"]
+        return {
+            **data,
+            "same": self.same,
+            "within": self.within,
+            "where": self.where,
+            "verdict": {
+                "text": verdict.lines,
+                "differs": verdict.differs,
+                "region": verdict.region,
+                "effect_K": verdict.effect_K,
+                "interval_K": verdict.interval_K,
+                "seen_K": verdict.seen_K,
+                "p_value": verdict.p_value,
+                "causes": [asdict(one) for one in verdict.causes],
+            },
+        }
 
 
 def difference(
@@ -244,16 +233,31 @@ def difference(
     first, second, averaged = together(
         parts.one, parts.other, resample=resample, centred=not by_images
     )
-    view, of_view = "", list[Image]()
+    before = parts.one, parts.other
+    view, of_view, swapped = None, list[Image](), second.noisy and not first.noisy
     if by_images:
-        first, second, found, of_view = aligned(first, second)
-        view = found.text
+        first, second, view, of_view = aligned(first, second)
+    traced = 1 if before[1].run is not None else 0
+
+    def onto(trace: Shown) -> Image:
+        """T_app of a trace, one of both evaluated otherwise, on the common pixels."""
+        pair = (before[0], trace) if traced else (trace, before[1])
+        both = together(*pair, resample=resample, centred=not by_images)[:2]
+        maps = both[traced].maps
+        kelvin = maps.apparent_temperature_K.astype(np.float64)
+        return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
+
     t_one, t_other = (
         each.maps.apparent_temperature_K.astype(np.float64) for each in (first, second)
     )
     has = np.isfinite(t_one), np.isfinite(t_other)
     change_K = t_other - t_one
-    regions, modes, error_K, residuals = _tested(change_K, first, second, of_view)
+    found = tested(change_K, first, second, of_view)
+    p_value = found.regions["all"].p_value
+    explained = tuple[Cause, ...]()
+    if p_value is not None and p_value < LEVEL:
+        explained = causes(change_K, found, trials(*before, (first, second), onto))
+    scenes = [each.scene or (each.traced and each.traced.scene) for each in before]
     return Difference(
         one=first.name,
         other=second.name,
@@ -271,15 +275,17 @@ def difference(
         code=parts.code,
         at_least=first.at_least or second.at_least,
         given_K=within_K,
-        regions=regions,
-        modes=modes,
+        injections_p=injections_p(first.run, second.run, found.where["all"]),
+        regions=found.regions,
+        modes=found.modes,
         averaged=averaged,
-        view=view,
-        keys=key_differences(first.scene, second.scene) if first.scene and second.scene else (),
+        view="" if view is None else view.text,
+        keys=key_differences(scenes[0], scenes[1]) if scenes[0] and scenes[1] else (),
+        causes=explained,
         seen=(first, second),
         change_K=change_K,
-        error_K=error_K,
-        residuals=residuals,
+        error_K=found.error_K,
+        residuals=found.residuals,
     )
 
 
@@ -301,102 +307,3 @@ def _of(
         worst=float(change[worst]),
         worst_mm=(float(1e3 * x_m[worst]), float(1e3 * z_m[worst])),
     )
-
-
-def _tested(
-    change_K: Image, one: Shown, other: Shown, of_view: Sequence[Image]
-) -> tuple[dict[str, RegionDifference], tuple[Mode, ...], Image, Image]:
-    """Regions, modes with their best sizes, standard errors, and standardised residuals."""
-    spray = seen_in_both(one, other)
-    regions = spray.regions
-    modes = shared_modes(one, other) + tuple(
-        Mode(f"view {number}", kelvin, 0.0 * kelvin)
-        for number, kelvin in enumerate(of_view, start=1)
-    )
-    first, second = (each.independent_K2 for each in (one, other))
-    nothing = np.full(change_K.shape, np.nan)
-    if first is None or second is None:
-        untested = {name: _untested(change_K, where) for name, where in regions.items()}
-        return untested, (), nothing, nothing
-    variance = first + second + _ROUNDED_K**2
-    known = spray.visible & np.isfinite(variance)
-    weights = [float(np.sum(mode.kelvin[known] ** 2 / variance[known])) for mode in modes]
-    kept = sorted(np.argsort(weights)[::-1][:_MOST_MODES])
-    for number, mode in enumerate(modes):
-        if number not in kept:  # as if it were independent
-            variance = variance + mode.kelvin**2
-    modes = tuple(modes[number] for number in kept)
-    kelvin = np.array([mode.kelvin for mode in modes]).reshape(-1, *change_K.shape)
-    shares = [float(np.sum(square[known] / variance[known])) for square in (first, second)]
-    degrees = (
-        combined_degrees(shares, [each.degrees for each in (one, other)], whole=known.sum()),
-        combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes]),
-    )
-    test = partial(chi_square, change_K, np.sqrt(variance), kelvin, degrees=degrees)
-    error_K = np.sqrt(variance + np.sum(kelvin**2, axis=0))
-    found = {name: test(where) for name, where in regions.items()}
-    whole = found["all"]
-    if whole is not None:
-        sizes = whole.sizes.tolist()
-        modes = tuple(replace(m, size=size) for m, size in zip(modes, sizes, strict=True))
-    return (
-        {
-            name: _region(change_K, np.sqrt(variance), modes, regions[name], result)
-            for name, result in found.items()
-        },
-        modes,
-        error_K,
-        nothing if whole is None else whole.residuals,
-    )
-
-
-def _region(
-    change_K: Image,
-    error_K: Image,
-    modes: tuple[Mode, ...],
-    where: NDArray[np.bool_],
-    found: ChiSquare | None,
-) -> RegionDifference:
-    if found is None or found.pixels < _LEAST_PIXELS:
-        return RegionDifference(pixels=0 if found is None else found.pixels)
-    known = np.isfinite(found.residuals)
-    square = float(np.sum(error_K[known] ** 2)) * found.correlated / found.pixels**2
-    square += sum(float(np.mean(mode.kelvin[known])) ** 2 for mode in modes)
-    return RegionDifference(
-        pixels=found.pixels,
-        effective_pixels=found.effective,
-        rms_K=float(np.sqrt(np.mean(change_K[known] ** 2))),
-        mean_K=float(np.mean(change_K[known])),
-        mean_error_K=square**0.5,
-        chi2_reduced=found.reduced,
-        p_value=found.p_value,
-        by=found.by,
-    )
-
-
-def _untested(change_K: Image, where: NDArray[np.bool_]) -> RegionDifference:
-    values = change_K[where & np.isfinite(change_K)]
-    if len(values) < _LEAST_PIXELS:
-        return RegionDifference(pixels=len(values))
-    return RegionDifference(
-        pixels=len(values),
-        rms_K=float(np.sqrt(np.mean(values**2))),
-        mean_K=float(np.mean(values)),
-    )
-
-
-def seen_in_both(one: Shown, other: Shown) -> Spray2D:
-    """Spray that is visible in both, by the emissivity of the one without noise, or by the mean.
-
-    An emissivity that is noisy would select pixels by their noise, which that of T_app follows. It
-    must exceed 5 standard errors, for T_app is divided by it.
-    """
-    quiet = [each for each in (one, other) if not each.noisy] or [one, other]
-    emissivity = np.mean([each.maps.emissivity for each in quiet], axis=0, dtype=float)
-    known = np.isfinite(emissivity)
-    for each in (one, other):
-        known &= np.isfinite(each.maps.apparent_temperature_K)
-        if each.noisy:
-            known &= emissivity > _CLEAR * each.maps.emissivity_standard_error
-    x_m, z_m = positions_m(emissivity.shape, pixel_m=one.pixel_m, centre_m=one.centre_m)
-    return Spray2D(emissivity=emissivity, x_m=x_m, z_m=z_m, known=known)

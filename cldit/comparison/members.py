@@ -7,6 +7,7 @@ sum of squares of a difference along k such components is Hotelling's T^2, that 
 n - k degrees of freedom after division by (n - 1) / (n - k), by which the components are enlarged.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,8 @@ from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
+from cldit.comparison.chi_square import LEVEL
+from cldit.comparison.permutation import permutation_p
 from cldit.dit.budget import COMMON, Part, common_parts
 from cldit.dit.maps import Maps
 from cldit.io.images import read_image
@@ -56,19 +59,7 @@ class Members:
             return None
         maps = run.maps if recorded is None else recorded
         seen = np.asarray(maps.has_temperature)
-        view, curve = SensorView.from_scene(run.scene), Curve(filter_um=run.quadrature.filter_um)
-        emissivity, own = np.zeros((2, run.ensemble.members, np.count_nonzero(seen)))
-        for number in range(len(own)):
-            folder = member_folder(run.folder, number + 1) / "maps"
-            here, kelvin = (
-                read_image(folder / f"{name}.tif")[0].astype(float)
-                for name in ("emissivity", "apparent_temperature_K")
-            )
-            known = np.isfinite(kelvin)
-            light = np.zeros(here.shape)
-            light[known] = here[known] * curve.radiance(kelvin[known])
-            for into, image in ((emissivity, np.nan_to_num(here)), (own, light)):
-                into[number] = (image if recorded is None else view.image(image))[seen]
+        emissivity, own = _images(run, seen, on_sensor=recorded is not None)
         return cls.about_mean(run, maps, seen, emissivity, own)
 
     @classmethod
@@ -177,3 +168,45 @@ class Members:
             )
             for one in parts
         )
+
+
+def _images(run: Run, seen: Mask, *, on_sensor: bool) -> tuple[Floats, Floats]:
+    """Emissivity and own radiance (n, N) of the injections of a run, in the pixels `seen`."""
+    assert run.ensemble is not None and run.folder is not None
+    view, curve = SensorView.from_scene(run.scene), Curve(filter_um=run.quadrature.filter_um)
+    emissivity, own = np.zeros((2, run.ensemble.members, np.count_nonzero(seen)))
+    for number in range(len(own)):
+        folder = member_folder(run.folder, number + 1) / "maps"
+        here, kelvin = (
+            read_image(folder / f"{name}.tif")[0].astype(float)
+            for name in ("emissivity", "apparent_temperature_K")
+        )
+        known = np.isfinite(kelvin)
+        light = np.zeros(here.shape)
+        light[known] = here[known] * curve.radiance(kelvin[known])
+        for into, image in ((emissivity, np.nan_to_num(here)), (own, light)):
+            into[number] = (view.image(image) if on_sensor else image)[seen]
+    return emissivity, own
+
+
+def injections_p(one: Run | None, other: Run | None, seen: Mask) -> float | None:
+    """Probability that the injections of two runs are of the same spray, by permutation.
+
+    seen: (H, W) pixels that count. None if one has other pixels, or if there are too few injections
+    for a p below the level of the test, which needs 5 on each side.
+    """
+    sides = []
+    for run in (one, other):
+        if run is None or run.ensemble is None or run.folder is None:
+            return None
+        if run.maps.reason.shape != seen.shape:
+            return None
+        sides.append((run, *_images(run, seen, on_sensor=False)))
+    count, of = len(sides[0][1]), sum(len(emissivity) for _, emissivity, _ in sides)
+    if 2.0 / math.comb(of, count) > LEVEL:
+        return None
+    curve = Curve(filter_um=sides[0][0].quadrature.filter_um)
+    kelvin = np.mean([run.maps.apparent_temperature_K[seen] for run, *_ in sides], axis=0)
+    black, slope = curve.radiance(kelvin), curve.slope(kelvin)
+    images = [(own - black * emissivity) / slope for _, emissivity, own in sides]
+    return permutation_p(images[0], images[1])

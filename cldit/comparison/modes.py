@@ -9,9 +9,7 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.comparison.shown import Shown
-from cldit.dit.budget import COMMON, Part
-
-LARGE = 2.0  # times its stated size: a mode worth a line
+from cldit.dit.budget import Part
 
 
 @dataclass(frozen=True)
@@ -28,17 +26,6 @@ class Mode:
     size: float = 0.0
     degrees: float = math.inf
 
-    @property
-    def text(self) -> str:
-        """The size that would explain most of the difference, in words."""
-        of = self.name
-        if of.startswith(COMMON):
-            of = f"of black body, camera or amount of spray ({of})"
-        return (
-            f"an error that all pixels share, {of}, would explain most if it were "
-            f"{abs(self.size):.3g} times as large as stated"
-        )
-
 
 def shared_modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
     """Errors that all pixels share; a systematic error of the same name is the same in both.
@@ -49,7 +36,7 @@ def shared_modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
     found = [
         Mode(
             f"{part.name} of {each.name}",
-            sign * part.kelvin,
+            sign * np.nan_to_num(part.kelvin),
             sign * np.nan_to_num(part.emissivity),
             degrees=part.degrees,
         )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import reduce
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from cldit.accuracy.errors import OMISSION, PARTS, Cause
+from cldit.arrays import Mask
+from cldit.camera.view import SensorView
 from cldit.comparison.members import Members
 from cldit.comparison.shown import Image, Shown
 from cldit.dit.budget import Part
@@ -20,6 +23,8 @@ from cldit.scene import Scene
 from cldit.scene.scatter import without_scatter
 
 _LATTICE, _CLASSES, _CELLS = ("spacing_m",), ("size_classes",), ("depth", "lattice_of_m")
+_OWN = ("pixels", "seed")  # parts whose errors pixels do not share
+_COMMON = 0.5**0.5  # of the error by another source, in all pixels alike
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ def unshared(one: Shown, other: Shown) -> Unshared:
     a measurement, all errors of a trace count.
     """
     if one.traced is None or other.traced is None:
-        return Unshared(one, other)
+        return Unshared(_counted(one, set()), _counted(other, set()))
     first, second = one.traced, other.traced
     code = _other_code(first, second)
     parts = _same_parts(first, second, code)
@@ -57,8 +62,19 @@ def unshared(one: Shown, other: Shown) -> Unshared:
         if one.name in omitted and _value(first.scene, one.fixed) != _value(second.scene, one.fixed)
     }
     shared = {one.name for one in causes if one.shared_by in parts} | omitted - tested
-    less = [_without(each, shared | tested, same="" in parts) for each in (one, other)]
-    return Unshared(less[0], less[1], tuple(sorted(shared)), tuple(sorted(tested)), code)
+    others = None if "" in parts else _other_rays(first, second)
+    sampled = {one.name for one in causes if one.shared_by == "pixels" and "pixels" in parts}
+    sampled = sampled if others is not None else set()
+    inside = dict.fromkeys(sampled, others)
+    shared -= sampled
+    less = [
+        _counted(each, shared | tested, same="" in parts, inside=inside) for each in (one, other)
+    ]
+    names = sorted(shared)
+    if others is not None and not others.all():
+        of = f"in {np.count_nonzero(~others)} of {others.size} pixels"
+        names += [f"{name} {of}" for name in sorted(sampled)]
+    return Unshared(less[0], less[1], tuple(names), tuple(sorted(tested)), code)
 
 
 def _other_code(one: Run, other: Run) -> tuple[str, ...]:
@@ -91,7 +107,7 @@ def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
     optics = both and first.optics == second.optics and one.quadrature == other.quadrature
     optics &= "optics" not in changed
     cells = both and first.domain == second.domain and planned(_CELLS) and "cells" not in changed
-    # Pixels miss the same part of a spray, whatever its lattice is.
+    # Pixels miss the same part of a spray, whatever its lattice is, where their rays are the same.
     pixels = same and first.camera == second.camera and "pixels" not in changed
     found = {
         "spray": spray,
@@ -102,10 +118,23 @@ def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
         "seed": optics
         and cells
         and pixels
+        and _other_rays(one, other) is None
         and first.transport == second.transport
         and "seed" not in changed,
     }
     return {name for name, each in found.items() if each}
+
+
+def _other_rays(one: Run, other: Run) -> Mask | None:
+    """Pixels (H, W) whose rays differ, or are not recorded; None if there are none."""
+    if any(run.scene.camera.rays_across is not None for run in (one, other)):
+        return None  # those of the scene
+    if one.scene.transport.method != "source" or one.maps.reason.shape != other.maps.reason.shape:
+        return None
+    if one.rays is None or other.rays is None:
+        return None if one is other else np.ones(one.maps.reason.shape, bool)
+    others: Mask = one.rays != other.rays
+    return others if others.any() else None
 
 
 def _value(scene: Scene, key: str) -> Any:
@@ -117,10 +146,24 @@ def _causes(run: Run) -> tuple[Cause, ...]:
     return () if run.errors is None else run.errors.causes
 
 
-def _without(shown: Shown, names: Set[str], *, same: bool) -> Shown:
-    """A result whose error is its noise and that by all sources but these; `same`: of one run."""
+def _counted(
+    shown: Shown,
+    names: Set[str],
+    *,
+    same: bool = False,
+    inside: Mapping[str, Mask | None] = MappingProxyType({}),
+) -> Shown:
+    """A result whose error is its noise and that by all sources but these; `same`: of one run.
+
+    inside: pixels (H, W) of the trace in which the error by a source counts; others in all.
+
+    Rays and paths of a pixel are its own, so that their errors are independent. Other sources, such
+    as cells, are wrong alike in whole areas of the image, of which only the size is known: half of
+    their variance counts as common to all pixels.
+    """
     run = shown.traced
-    assert run is not None
+    if run is None:
+        return shown
     if run.errors is None or run.errors.why:  # an old run, without audit, or without T_app
         return replace(shown, error_K=0.0) if same and shown.run is not None else shown
     left = [one for one in run.errors.causes if one.name not in names]
@@ -137,14 +180,23 @@ def _without(shown: Shown, names: Set[str], *, same: bool) -> Shown:
         if shown.noisy:
             more += members.of_shots(run.scene.plan.shots)
     own = (0.0, 0.0) if shown.run is not None else (shown.error_K, shown.emissivity_error)
-    square, square_e = ((one or 0.0) ** 2 for one in own)
-    square += sum((cause.error_K or 0.0) ** 2 for cause in known)
+    square, square_e = ((error or 0.0) ** 2 for error in own)
+    for cause in known:
+        counted = inside.get(cause.name)
+        share = 1.0 if counted is None else float(np.mean(counted))
+        square += share * (cause.error_K or 0.0) ** 2
     square_e += sum((cause.emissivity or 0.0) ** 2 for cause in left)
     map_K = shown.error_map_K
     if map_K is not None:
         noise_K = np.where(np.isfinite(map_K), 0.0 if shown.run is not None else map_K, np.nan)
-        rest += [_map_of(shown, cause, map_K) ** 2 for cause in known]
+        images = {one.name: _map_of(shown, one, map_K, inside.get(one.name)) for one in known}
+        rest += [image**2 for image in images.values()]
         rest += [part.kelvin**2 for part in more]
+        more += tuple(
+            Part(name=cause.name, kelvin=_COMMON * images[cause.name], emissivity=0.0 * map_K)
+            for cause in known
+            if cause.shared_by not in _OWN
+        )
         map_K = np.sqrt(sum(rest, noise_K**2))
     return replace(
         shown,
@@ -156,8 +208,14 @@ def _without(shown: Shown, names: Set[str], *, same: bool) -> Shown:
     )
 
 
-def _map_of(shown: Shown, cause: Cause, like: Image) -> Image:
-    """Error of a source in each pixel; the same in all of a recording, or if it has no map."""
-    found = None if shown.run is None else shown.run.error_maps.get(cause.name)
-    even = np.full(like.shape, cause.error_K, np.float64)
-    return even if found is None else np.nan_to_num(found.astype(np.float64))
+def _map_of(shown: Shown, cause: Cause, like: Image, inside: Mask | None) -> Image:
+    """Error of a source in each pixel; the same in all if it has no map."""
+    run = shown.traced
+    assert run is not None and cause.error_K is not None
+    known = run.error_maps.get(cause.name)
+    here = np.ones(run.maps.reason.shape) if inside is None else inside.astype(np.float64)
+    if known is not None:
+        here = here * np.nan_to_num(known.astype(np.float64)) ** 2
+    if here.shape != like.shape:
+        here = SensorView.from_scene(run.scene).image(here)
+    return np.sqrt(here) * (cause.error_K if known is None else 1.0)

@@ -11,12 +11,13 @@ import numpy as np
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.acquisition.measured import Measured, open_recorded
+from cldit.acquisition.storage import RIG
 from cldit.arrays import Floats
 from cldit.camera.view import SensorView
 from cldit.dit.budget import Part, load_parts
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
-from cldit.io.plain_data import read_json
+from cldit.io.plain_data import read_json, read_mapping
 from cldit.optics.response import edges_um, from_plain
 from cldit.run import Run, open_run
 from cldit.scene import Scene
@@ -106,9 +107,7 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     folder = opened.folder / "maps"
     if not folder.is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
-    # A run's acquisition is in its folder.
-    of_run = not isinstance(opened, Measured) and (place.parent / "scene.yaml").is_file()
-    traced = open_run(place.parent) if of_run else None
+    traced = None if isinstance(opened, Measured) else _recorded_run(opened.folder)
     maps = Maps.load(folder)
     found = recorded(
         str(place),
@@ -122,6 +121,21 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     filter_um = from_plain(opened.calibration["filter_um"])
     spread_K = opened.surroundings.uncertainty.wall_temperature_K if traced is None else 0.0
     return replace(found, filter_um=edges_um(filter_um), walls_spread_K=spread_K)
+
+
+def _recorded_run(folder: Path) -> Run | None:
+    """Run whose light an acquisition contains: that around it, or that its simulated rig names."""
+    around = folder.resolve().parent
+    if (around / "scene.yaml").is_file():
+        return open_run(around)
+    file = folder / RIG
+    rig = read_mapping(file) if file.is_file() else {}
+    settings = (rig.get("bench") or {}).get("settings") or {}
+    named = settings.get("run")
+    if not isinstance(named, str) or settings.get("runs"):
+        return None
+    run = Path(rig.get("folder") or folder) / named
+    return open_run(run) if (run / "run.json").is_file() else None
 
 
 def _traced(run: Run, name: str) -> Shown:
@@ -181,8 +195,8 @@ def recorded(
 ) -> Shown:
     """Maps of a recording with its systematic and common `parts`.
 
-    degrees: of freedom of the scatter between shots, by background. T_app follows mostly from the
-    backgrounds that are nearest to it, so that the independent error of a pixel has those of one.
+    degrees: of freedom of the scatter between shots, by background. A pixel's scatter is estimated
+    from all backgrounds together (`cldit.dit.fit.shot_scatter`), so that its error has their sum.
     The setup of a simulated rig is as stated: its recording has no systematic errors.
     """
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
@@ -199,7 +213,7 @@ def recorded(
         common=tuple(replace(one, degrees=sum(degrees) or math.inf) for one in parts[1]),
         systematic=() if traced is not None else parts[0],
         noisy=True,
-        degrees=min(degrees, default=math.inf),
+        degrees=sum(degrees) or math.inf,
         scene=scene,
         traced=traced,
     )

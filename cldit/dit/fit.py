@@ -43,6 +43,8 @@ from scipy.ndimage import uniform_filter
 
 from cldit.arrays import Floats, Mask
 
+_ALIKE = 1e-9  # share of the determinant
+_LEAST_CAMERA = 0.5  # share of the camera's noise that scatter between shots may take away
 _NEARBY = 3  # pixels: edge of the neighbourhood, nine times the degrees of freedom of a pixel
 
 
@@ -383,13 +385,14 @@ def shot_scatter(
     its temperature, which adds the same signal at every background. The variance of one shot at
     background k is therefore
 
-        camera_k + q change_k^2 + p,    q, p >= 0,
+        camera_k + q change_k^2 + p
 
     and q, p are found from the variances observed among the shots of each background by iterated
     least squares (a sample variance has the variance 2 V^2 / degrees), over neighbours with the
     weight of their mean V: a pixel whose V is too small by chance would count most. Two numbers per
-    pixel instead of one per background combine the degrees of freedom. Without scatter q and p are
-    still above 0 in half of the pixels; standard errors are then about 5 % too large on average.
+    pixel instead of one per background combine the degrees of freedom. Both are below 0 where
+    the shots agree better than the camera's noise lets expect: without such pixels the mean
+    variance would be too large. At least half of the camera's part is left.
 
     All arrays are (K, ...): change of the signal by a relative change of the amount, sample
     variance of one shot, the camera's part of it, and degrees of freedom of the sample variance; 0
@@ -412,10 +415,8 @@ def shot_scatter(
             ae, be = nearby(np.sum(excess * scaled, axis=0)), nearby(np.sum(excess, axis=0))
             determinant = aa * bb - ab**2
             q, p = (ae * bb - be * ab) / determinant, (be * aa - ae * ab) / determinant
-            # Where one of the two would be negative, the other is fitted alone.
-            alone_q, alone_p = ~(p > 0), ~(q > 0) & (p > 0)
-            q = np.where(alone_q, ae / aa, np.where(alone_p, 0.0, q))
-            p = np.where(alone_p, be / bb, np.where(alone_q, 0.0, p))
-            q, p = (np.where(value > 0, value, 0.0) for value in (q, p))
-            extra = q * scaled + p
+            # changes of one size do not tell the two apart
+            constant = ~(determinant > _ALIKE * aa * bb)
+            q, p = np.where(constant, 0.0, q), np.where(constant, be / bb, p)
+            extra = np.nan_to_num(np.maximum(q * scaled + p, -_LEAST_CAMERA * camera))
     return extra

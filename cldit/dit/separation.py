@@ -33,6 +33,7 @@ from cldit.dit.design import MOST_SHOTS, BlackBody, temperatures_K
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
+from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
@@ -253,12 +254,15 @@ class _Test:
         return math.sqrt(float(np.min(squares(nearest * _BETWEEN))))
 
 
+Model = tuple[Scene, Quadrature, Sequence[Weights], Weights]  # as of `Subject.of`
+
+
 def rivals(
     scene: Scene,
     model: Subject,
-    rival: tuple[Scene, Sequence[Weights]],
+    rival: Model,
     *,
-    injections: Sequence[tuple[Scene, Sequence[Weights]]],
+    injections: Sequence[Model],
     errors_K: Mapping[str, Floats],
     delay_s: float | None,
 ) -> Rivals:
@@ -266,8 +270,8 @@ def rivals(
     return Rivals(
         scene=scene,
         model=model,
-        rival=model.of_spray(*rival),
-        injections=[model.of_spray(*injection) for injection in injections],
+        rival=model.of_model(*rival),
+        injections=[model.of_model(*injection) for injection in injections],
         errors_K={name: image.reshape(-1)[model.places] for name, image in errors_K.items()},
         delay_s=delay_s,
     )

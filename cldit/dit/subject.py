@@ -84,11 +84,24 @@ class Subject:
             pixels=places.size,
         )
 
-    def of_spray(self, scene: Scene, spectral: Sequence[Weights]) -> "Subject":
-        """The same pixels with the weights of another spray in the same nodes."""
-        view = SensorView.from_scene(scene)
-        spray = tuple(_pixels(_seen(view, weights), self.places) for weights in spectral)
-        return replace(self, spray=spray)
+    def of_model(
+        self,
+        scene: Scene,
+        quadrature: Quadrature,
+        spectral: Sequence[Weights],
+        reference: Weights,
+    ) -> "Subject":
+        """The same pixels of the same sensor in another scene, with weights as in `of`."""
+        view, around = SensorView.from_scene(scene), Surroundings.from_scene(scene)
+        filter_um, at_K = quadrature.filter_um, quadrature.reference_K
+        return replace(
+            self,
+            spray=tuple(_pixels(_seen(view, weights), self.places) for weights in spectral),
+            reference=_pixels(_seen(view, reference), self.places),
+            boundaries=tuple(Boundary.of(around, n.radiance, n.pane) for n in quadrature.nodes),
+            whole=Boundary.in_filter(around, filter_um, reference_K=at_K),
+            curve=Curve(filter_um=filter_um),
+        )
 
     def signals(self, background_K: float) -> tuple[Floats, Floats]:
         """Radiance (N,) at the camera without and with spray."""

@@ -32,7 +32,7 @@ from cldit.scene.delays import delay_folder, spray_time_s
 from cldit.scene.scatter import members_of
 from cldit.scene.spray import CfdSpray
 
-SCENE_FILE = "scene.yaml"
+SCENE_FILE, RAYS = "scene.yaml", "rays.tif"
 ANOTHER_FOLDER = "give another folder (--out), or remove this one"
 EMISSIVITY_ERRORS = Path("errors", "emissivity")
 _QUADRATURE = "quadrature.json"
@@ -48,11 +48,14 @@ def save_run(run: Run, folder: Path) -> None:
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
     save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
     save_maps(run.emissivity_error_maps, folder / EMISSIVITY_ERRORS, pixel_m=run.pixel_m)
+    if run.rays is not None:
+        write_image(folder / RAYS, run.rays, name="rays", unit="1", pixel_m=run.pixel_m)
     if run.ensemble is not None:
         run.ensemble.save(folder / STATISTICS, pixel_m=run.pixel_m)
     places = ("weights", "weights_reference", "maps", "errors", STATISTICS)
     files = [file for place in places for file in (folder / place).rglob("*")
              if file.suffix in (".tif", ".json")]  # fmt: skip
+    files += [folder / RAYS] if run.rays is not None else []
     write_sealed(folder / "run.json", run.info.to_dict(), [folder / SCENE_FILE, *files])
 
 
@@ -194,6 +197,7 @@ def _traced(folder: Path) -> Run:
         info=info,
         error_maps=load_maps(folder / "errors"),
         emissivity_error_maps=load_maps(folder / EMISSIVITY_ERRORS),
+        rays=read_image(folder / RAYS)[0] if (folder / RAYS).is_file() else None,
         ensemble=ensemble,
         folder=folder,
     )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
@@ -19,7 +20,8 @@ from cldit.scene import Scene
 class MeanLight:
     """Mean of runs, evaluated: weights of the whole filter, without spray and of each node.
 
-    remark: for the user, where wavelengths of the runs differ; else empty.
+    remark: for the user, where wavelengths of the runs differ; else empty. rays: (H, W) mean
+    number of rays of a pixel; None if a run does not have it.
     """
 
     weights: Weights
@@ -29,6 +31,7 @@ class MeanLight:
     sensor: SensorModel
     maps: Maps
     remark: str
+    rays: NDArray[np.float32] | None
 
     @classmethod
     def of(
@@ -49,10 +52,12 @@ class MeanLight:
             shares: in proportion to the part of each run; None: equal.
         """
         sharing: list[bool] = []
+        rays: list[NDArray[np.float32] | None] = []
 
         def each() -> Iterator[Weights]:
             for run in runs:
                 sharing.append(run.quadrature == first.quadrature)
+                rays.append(run.rays)
                 yield _joined(run if sharing[-1] else replace(run, spectral=(run.weights,)))
 
         mixed = mean(each(), shares)
@@ -72,7 +77,10 @@ class MeanLight:
         seen = (tuple(spectral), reference)
         sensor = sensor_of(scene, quadrature, seen)
         maps = evaluated(scene, quadrature, *seen, sensor)
-        return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark)
+        known = [one for one in rays if one is not None]
+        whole = len(known) == len(rays)
+        number = np.asarray(np.mean(known, axis=0), np.float32) if whole else None
+        return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark, number)
 
     def run(self, scene: Scene, first: Run, folder: Path | None, remark: str) -> Run:
         """The run of the mean: the `first` of its runs with the mean's images, and a remark."""
@@ -91,6 +99,7 @@ class MeanLight:
             info=info,
             quadrature=self.quadrature,
             spectral=self.spectral,
+            rays=self.rays,
             folder=folder,
         )
 

@@ -96,6 +96,7 @@ class Run(Presented):
     spectral: the weights of each node of `quadrature`; (weights,) for a single one.
     maps: DIT of the trace without noise, (H, W), with the standard errors for the scene's sensor
         and number of shots.
+    rays: (H, W) number of rays of each pixel, of several traces their mean; None: not recorded.
     error_maps: standard error of T_app, K, (H, W) float32 by source, and `total`; NaN in pixels
         that do not count. Empty without audit. emissivity_error_maps: likewise of emissivity.
     ensemble: statistics of the injections that the run is the mean of; None: there is one.
@@ -112,6 +113,7 @@ class Run(Presented):
     spectral: tuple[Weights, ...]
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     emissivity_error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    rays: NDArray[np.float32] | None = None
     ensemble: "Ensemble | None" = None
     measured: Maps | None = None
     folder: Path | None = None

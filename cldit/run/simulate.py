@@ -9,6 +9,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.converge import Result, converge, solve
 from cldit.accuracy.problem import Problem
@@ -118,6 +120,7 @@ def _traced(problem: Problem, folder: Path | None, like: Run | None) -> Run:
         resolution, allocation = Resolution.from_dict(plan), Allocation.from_dict(plan)
         result = solve(problem, resolution, allocation, unstated=UNSTATED)
     from_paper = _against_paper(problem, result) if like is None else None
+    rays = result.traces.rays
     return Run(
         scene=scene,
         weights=result.traces.weights,
@@ -128,6 +131,7 @@ def _traced(problem: Problem, folder: Path | None, like: Run | None) -> Run:
         spectral=result.traces.spectral,
         error_maps=result.error_maps,
         emissivity_error_maps=result.emissivity_error_maps,
+        rays=None if rays is None else (rays**2).astype(np.float32),
         folder=folder,
     )
 

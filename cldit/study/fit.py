@@ -20,7 +20,6 @@ from scipy.optimize import least_squares
 from scipy.special import chdtrc
 
 from cldit.arrays import Floats
-from cldit.comparison.radiance import RadianceData
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Shown, open_shown
 from cldit.errors import SceneError, StudyError
@@ -34,6 +33,7 @@ from cldit.run.simulate import reevaluated
 from cldit.scene import Scene, dump_scene
 from cldit.scene.load import chosen_scene
 from cldit.study.grid import ALIASES
+from cldit.study.radiance import RadianceData
 
 MOST = 6  # parameters
 _STEP = 0.02  # of a parameter's range, for derivatives

@@ -18,13 +18,12 @@ from cldit.dit.separation import Rivals, Separation, rivals
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device
-from cldit.optics.response import scene_filter
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.weights import Weights
 from cldit.run import Run, Say, open_run, simulate
 from cldit.run.ensemble import member_folder
 from cldit.scene import Scene
 from cldit.scene.delays import alone, delay_folder, scene_at, spray_time_s
-
-_SAME = ("camera", "background", "walls", "windows", "patches")
 
 
 @dataclass(frozen=True)
@@ -66,30 +65,19 @@ def separate(
 
 
 def check_rivals(one: Scene, other: Scene) -> None:
-    """Raises EvaluationError if two scenes are not seen alike.
-
-    Exposure and lens are part of a model, which may omit them.
-    """
-    first, second = (
-        scene.with_(
-            **{
-                "camera.exposure": "instant",
-                "camera.sensor.integration_time_s": None,
-                "camera.lens": None,
-            }
-        )
-        for scene in (one, other)
-    )
-    for key in _SAME:
-        if getattr(first, key) != getattr(second, key):
+    """Raises EvaluationError if the sensors of two scenes see different places."""
+    first, second = (SensorView.from_scene(scene) for scene in (one, other))
+    for key, name in (
+        ("field_m", "camera.field_m"),
+        ("centre_m", "camera.target_m"),
+        ("pixels", "camera.sensor.pixels"),
+    ):
+        values = getattr(first, key), getattr(second, key)
+        if values[0] != values[1]:
             raise EvaluationError(
-                f"{key}: differs between {one.name} and {other.name}; allowed: scenes that differ "
-                "in spray, optics, transport, exposure and lens alone"
+                f"{name}: {values[0]} in {one.name}, {values[1]} in {other.name}; allowed: scenes "
+                "whose sensors see the same places, with any other keys"
             )
-    if scene_filter(one) != scene_filter(other):
-        raise EvaluationError(
-            f"filter: differs between {one.name} and {other.name}; allowed: one filter"
-        )
 
 
 def separated(
@@ -116,21 +104,19 @@ def rivals_of(
         one.run.reference,
         least_emissivity=least_emissivity,
     )
-    nodes = one.run.quadrature
-    if any(each.quadrature != nodes for each in (other.run, *one.injections)):
-        raise EvaluationError(
-            "optics: the models have different wavelengths; allowed: optics.preset paper, or one "
-            "number in optics.wavelengths"
-        )
     view = SensorView.from_scene(scene)
     return rivals(
         scene,
         subject,
-        (scene, other.run.spectral),
-        injections=[(scene, each.spectral) for each in one.injections],
+        _model(other.run),
+        injections=[_model(each) for each in one.injections],
         errors_K={name: view.image(image) for name, image in errors_K.items()},
         delay_s=spray_time_s(scene),
     )
+
+
+def _model(run: Run) -> tuple[Scene, Quadrature, tuple[Weights, ...], Weights]:
+    return run.scene, run.quadrature, run.spectral, run.reference
 
 
 def _errors(one: Run, other: Run) -> Iterator[tuple[str, Floats]]:

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure as Drawing
 
 from cldit.comparison.compare import Comparison
-from cldit.comparison.difference import Difference, RegionDifference
+from cldit.comparison.difference import Difference
+from cldit.comparison.tested import RegionDifference
 from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
@@ -49,7 +50,8 @@ def comparison_figure(found: Difference) -> Drawing:
         ),
     ]
     window = window_around(np.where(visible, one.maps.emissivity, 0.0), frame)
-    return panels_figure(panels, frame, title=found.verdict, window=window)
+    title = "{1} minus {0}".format(*_ends_apart(one.name, other.name))
+    return panels_figure(panels, frame, title=title, window=window)
 
 
 @styled
@@ -138,9 +140,9 @@ _ABOUT = {
 
 
 def _sections(found: Difference, figures: Sequence[Figure]) -> list[Block]:
-    large = [[one.name, f"{one.size:+.3g} times"] for one in found.modes]
+    large = [[one.name, f"{one.size:+.2f}"] for one in found.modes]
     return [
-        found.verdict,
+        *found.verdict.lines,
         *figures,
         Table(
             ("region", "RMS", "mean", "chi-square", "p", "pixels"),
@@ -153,7 +155,9 @@ def _sections(found: Difference, figures: Sequence[Figure]) -> list[Block]:
                 for name, values in found.shapes.items()
             ],
         ),
-        Table(("error that all pixels share", "size that fits best, of the stated one"), large),
+        Table(
+            ("error that all pixels share", "size that fits best, in standard deviations"), large
+        ),
         Bullets([key.text for key in found.keys]),
     ]
 

@@ -39,7 +39,7 @@ def cldit(*words: object, **environment: str) -> subprocess.CompletedProcess[str
     )
 
 
-@pytest.mark.parametrize("words", [["scenes"], ["devices"], ["diff", WRITTEN, WRITTEN]])
+@pytest.mark.parametrize("words", [["scenes"], ["devices"], ["compare", WRITTEN, WRITTEN]])
 def test_json_is_all_of_the_output(words: list[Any]) -> None:
     done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
     assert done.exit_code == 0
@@ -85,12 +85,20 @@ def test_json_of_an_import(tmp_path: Path) -> None:
 
 
 def test_json_of_a_difference() -> None:
-    data = found("diff", WRITTEN, WRITTEN)
+    data = found("compare", WRITTEN, WRITTEN)
     assert data["within"] and data["maps"][0]["name"] == "apparent_temperature_K"
     assert data["maps"][0]["rms"] == 0.0
 
 
-@pytest.mark.parametrize("name", ["run", "repeat", "diff", "scenes", "devices", "plan", "import",
+def test_diff_is_compare_with_a_warning() -> None:
+    words = [str(WRITTEN), str(WRITTEN), "--json"]
+    old, new = (CliRunner().invoke(main, [name, *words]) for name in ("diff", "compare"))
+    assert old.exit_code == new.exit_code == 0
+    assert json.loads(old.stdout) == json.loads(new.stdout)
+    assert "deprecated" in old.stderr and "deprecated" not in new.stderr
+
+
+@pytest.mark.parametrize("name", ["run", "repeat", "compare", "scenes", "devices", "plan", "import",
                                   "evaluate"])  # fmt: skip
 def test_commands_for_scripts_have_it(name: str) -> None:
     command = main.get_command(click.Context(main), name)
@@ -152,14 +160,14 @@ def test_exit_status_of_the_program() -> None:
     runner = CliRunner()
     assert runner.invoke(main, ["run", "nothing-like-it"]).exit_code == Exit.FAILED
     assert runner.invoke(main, ["run", "--no-such-option"]).exit_code == Exit.USAGE
-    assert runner.invoke(main, ["diff", str(WRITTEN), str(WRITTEN)]).exit_code == Exit.DONE
+    assert runner.invoke(main, ["compare", str(WRITTEN), str(WRITTEN)]).exit_code == Exit.DONE
     shown = runner.invoke(main, ["--help"]).stdout
     for code in Exit:
         assert f"  {code.value:<4d}{code.text}\n" in shown
 
 
 @pytest.mark.parametrize("columns", [60, 80])
-@pytest.mark.parametrize("words", ["devices", "scenes", "--help", "diff run-0.1.0 run-0.1.0"])
+@pytest.mark.parametrize("words", ["devices", "scenes", "--help", "compare run-0.1.0 run-0.1.0"])
 def test_narrow_terminals_cut_nothing(
     words: str, columns: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,7 +206,7 @@ def test_no_color() -> None:
     [
         ("cldit sc", {"scenes"}),
         ("cldit run gdi-", {"gdi-cold", "gdi-flow"}),
-        ("cldit diff --re", {"--resample"}),
+        ("cldit compare --al", {"--align"}),
         ("cldit bench --budget-scene even", {"even-grid"}),
     ],
 )

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cldit.accuracy.errors import OMISSION, Cause, Errors
 from cldit.camera.curve import Curve
 from cldit.comparison import Shown, compare, difference, open_shown
-from cldit.comparison.keys import key_differences
 from cldit.comparison.pixels import together
 from cldit.comparison.regions import positions_m
 from cldit.comparison.shape import shape_of
@@ -24,8 +23,9 @@ from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.origin import Origin, code
 from cldit.radiance.weights import Weights
-from cldit.run import Run, open_run
+from cldit.run import Run, open_run, reevaluated
 from cldit.scene import load_scene
+from cldit.scene.keys import key_differences
 from cldit.show.report.comparison_page import write_comparison
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
@@ -74,12 +74,12 @@ def noise(seed: int) -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("errors", "within_K", "within", "words"),
     [
-        ((0.6, 0.8), None, True, "explained by the errors: p = 0."),
+        ((0.6, 0.8), None, True, "no difference is seen (p = 0."),
         (
             (0.6, 0.6),
             None,
             False,
-            "not explained by the errors: p < 1e-9, in root, plumes, tips; single pixels differ",
+            "(p < 1e-9): T_app",
         ),
         ((None, 2.0), None, False, "no error is stated"),
         ((None, None), 2.5, True, "within the 2.5 K RMS allowed"),
@@ -93,7 +93,7 @@ def test_stated_errors_explain_or_do_not(
     one = shown(400.0 + 0.0 * noise(1), error_K=errors[0])
     other = shown(400.0 + noise(1), error_K=errors[1])
     found = difference(one, other, within_K=within_K)
-    assert found.within is within and words in found.verdict
+    assert found.within is within and words in found.verdict.text
     data = found.to_dict()
     assert data["within"] is within and set(data["regions"]["all"]) >= {"rms_K", "p_value"}
 
@@ -129,7 +129,11 @@ def test_an_error_of_all_pixels_explains_what_they_share() -> None:
     assert not both.within  # the same black body: it cancels
     far = difference(one, replace(shown(image + 5.0, error_K=0.0), systematic=(part,)))
     assert not far.within  # five times as far off as stated
-    assert "black body, would explain most if it were 5.04 times as large" in far.modes[0].text
+    assert far.verdict.causes == ()  # of more than five deviations
+    near = difference(one, replace(shown(image + 4.0, error_K=0.0), systematic=(part,)))
+    best = near.verdict.causes[0]
+    assert best.name == "black body" and best.unit == "stated deviations"
+    assert best.size == pytest.approx(-4.04, abs=0.1) and best.error == pytest.approx(0.025, 0.1)
 
 
 def test_no_pixel_in_both() -> None:
@@ -139,10 +143,10 @@ def test_no_pixel_in_both() -> None:
     for pair in ((one, other), (other, one)):
         found = difference(*pair)
         assert (found.t_app.pixels, found.p_value, found.within) == (0, None, False)
-        assert found.verdict == "no pixel has a T_app in both"
+        assert found.verdict.text == "no pixel has a T_app in both"
         with pytest.raises(EvaluationError, match="no pixel has a T_app: transparent"):
             compare(*pair)
-    assert difference(one, shown(nothing)).verdict == "the same in every pixel"
+    assert difference(one, shown(nothing)).verdict.text == "the same in every pixel"
 
 
 def test_what_has_no_meaning_is_refused() -> None:
@@ -166,7 +170,7 @@ def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
 def test_a_run_is_its_own_like() -> None:
     found = difference(WRITTEN, open_run(WRITTEN))
     assert found.same and found.within and found.keys == ()
-    assert found.verdict == "the same in every pixel"
+    assert found.verdict.text == "the same in every pixel"
 
 
 def test_other_pixels_are_refused() -> None:
@@ -300,6 +304,46 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
 
 
+def test_pixel_sampling_is_shared_where_the_rays_are_the_same() -> None:
+    """The rays that each image chose for itself are compared in every pixel."""
+    run = open_run(WRITTEN)
+    run = replace(run, scene=run.scene.with_(**{"camera.rays_per_pixel": "auto"}))
+    causes = Cause("pixel sampling", 2.0, "", shared_by="pixels"), Cause("trace", 0.5, "")
+    one, other = (with_causes(run, *causes, order=order) for order in (3, 4))
+    map_K = np.full(run.maps.reason.shape, 2.0, np.float32)
+    one, other = (
+        replace(each, error_maps={"pixel sampling": map_K, "total": np.hypot(map_K, 0.5)})
+        for each in (one, other)
+    )
+    assert difference(one, other).shared == ()  # not recorded, as in old runs
+    rays = np.ones_like(map_K)
+    same = replace(one, rays=rays), replace(other, rays=rays)
+    assert difference(*same).shared == ("pixel sampling",)
+    more = rays.copy()
+    more[2:, 3] = 4.0
+    found = difference(same[0], replace(other, rays=more))
+    assert found.shared == ("pixel sampling in 112 of 120 pixels",)
+    for each in found.seen:
+        counted = each.error_map_K
+        assert counted is not None
+        assert counted[more == 1.0] == pytest.approx(0.5)
+        assert counted[more > 1.0] == pytest.approx(np.hypot(2.0, 0.5))
+
+
+def test_half_of_an_error_of_unknown_image_is_common() -> None:
+    """Against a measurement: cells are wrong alike in whole areas, rays in each pixel."""
+    run = open_run(WRITTEN)
+    causes = Cause("cells", 3.0, "", shared_by="cells"), Cause("trace", 0.5, "", shared_by="seed")
+    run = with_causes(run, *causes, order=None)
+    whole = np.full(run.maps.reason.shape, float(np.hypot(3.0, 0.5)))
+    run = replace(run, error_maps={"total": whole.astype(np.float32)})
+    counted = unshared(replace(open_shown(run), name="model"), shown(whole)).one
+    (part,) = counted.common
+    assert part.name == "cells" and part.kelvin == pytest.approx(3.0 * 0.5**0.5)
+    assert counted.error_map_K == pytest.approx(np.hypot(3.0, 0.5))
+    assert counted.independent_K2 == pytest.approx(4.5 + 0.25)
+
+
 def test_what_the_code_changed_is_not_shared() -> None:
     """Another commit alone shares nothing; with digests, all but what the changed room makes."""
     old = open_run(WRITTEN)
@@ -379,6 +423,52 @@ def test_a_line_is_a_run_with_one_quantity_changed() -> None:
         compare(measured, run, lines={"k": measured})
 
 
+@pytest.mark.parametrize("swap", [False, True])
+def test_warmer_walls_are_named_with_their_size(swap: bool) -> None:
+    """20 K in a trace of 0.05 K: by the exact change, since the derivative is 20 % off at 450 K.
+
+    Scattered light of the walls is the tenth of the droplets' light in the written run.
+    """
+    run = open_run(WRITTEN)
+    run = reevaluated(run, run.scene)  # its maps are those of an older version
+    info = replace(run.info, errors=Errors((Cause("trace", 0.05, "", shared_by="seed"),)))
+    run = replace(run, folder=None, info=info, error_maps={})
+    walls_K = run.scene.walls.temperature_K
+    warmer = reevaluated(run, run.scene.with_(**{"walls.temperature_K": walls_K + 20.0}))
+    pair = (warmer, run) if swap else (run, warmer)
+    shown = [replace(open_shown(each), error_map_K=None) for each in pair]
+    found = difference(replace(shown[0], error_K=0.05), replace(shown[1], error_K=0.05))
+    verdict = found.verdict
+    assert verdict.differs and verdict.lines[0].startswith("keys: walls.temperature_K: ")
+    best = verdict.causes[0]
+    assert (best.name, best.unit) == ("walls", "K")
+    assert best.size == pytest.approx(-20.0 if swap else 20.0, abs=0.1)
+    assert best.error < 2.0 and best.p_value > 0.01
+
+
+def test_errors_that_hide_all_leave_no_power() -> None:
+    """Noise of 0.1 K with stated errors of 3 K: p is above 0.99, which is no agreement."""
+    one = shown(400.0 + 0.1 * noise(6), error_K=3.0)
+    verdict = difference(one, shown(400.0 + 0.0 * noise(6), error_K=0.0)).verdict
+    assert not verdict.differs and not verdict.power
+    assert verdict.text.startswith("no power (p > 0.99): T_app ")
+    assert "p = 1" not in verdict.text and verdict.seen_K is not None
+    # 1600 pixels of 3 K in 4 parts: 5.8 to 6.6 errors of the mean, by the F test's directions.
+    assert verdict.seen_K == pytest.approx(6.2 * 3.0 / 40.0, rel=0.15)
+
+
+def test_a_copied_recording_knows_its_run(tmp_path: Path) -> None:
+    """The rig file of a simulated rig names the run, whose errors both have."""
+    folder = Path(shutil.copytree(WRITTEN, tmp_path / "run"))
+    copied = Path(shutil.copytree(folder / "acquisition", tmp_path / "elsewhere"))
+    inside = difference(folder, folder / "acquisition", resample=True)
+    assert difference(folder, copied, resample=True).unshared_K != inside.unshared_K
+    rig = copied / "rig.yaml"
+    rig.write_text(rig.read_text().replace("FOLDER", str(folder)))
+    found = difference(folder, copied, resample=True)
+    assert found.unshared_K == inside.unshared_K and found.p_value == inside.p_value
+
+
 def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
     warm = 400.0 + noise(5)
@@ -389,7 +479,7 @@ def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
     assert [path.name for path in figures] == [f"{name}.pdf" for name in names]
     assert all(path.read_bytes().startswith(b"%PDF") for path in figures)
     page = page_file.read_text()
-    assert "b minus a" in page and found.differences[0].verdict in page
+    assert "b minus a" in page and found.differences[0].verdict.text in page
     table = (tmp_path / "out" / "regions.csv").read_text().splitlines()
     assert len(table) == 1 + 2 * 5 and table[1].startswith("a,b,all,1600,")
     lines = (tmp_path / "out" / "profiles.csv").read_text().splitlines()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.comparison.registration import align
+from cldit.camera.alignment import align
 from cldit.errors import EvaluationError
 
 ROWS, COLUMNS = 96, 120

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.camera.curve import Curve
+from cldit.comparison import difference
 from cldit.comparison.shared import _same_parts
 from cldit.gpu.device import Device
 from cldit.optics.response import scene_filter
@@ -155,6 +156,26 @@ def test_its_maps_are_labelled_and_drawn(made: Run) -> None:
 def test_a_mean_and_its_nominal_injection_have_one_spray(made: Run) -> None:
     """Their difference does not contain the errors of cells and size classes."""
     assert made.folder is not None
-    parts = _same_parts(made, open_run(made.folder / "nominal"))
-    assert {"spray", "classes", "cells"} <= parts
+    nominal = open_run(made.folder / "nominal")
+    assert {"spray", "classes", "cells"} <= _same_parts(made, nominal)
+    assert made.rays is not None and made.rays.shape == (40, 40)  # the mean of all injections
     assert "spray" not in _same_parts(made, _members(made)[0])
+
+
+def test_two_ensembles_are_compared_by_permutation(
+    scene: Scene, made: Run, device: Device, tables: Path, tmp_path: Path
+) -> None:
+    """5 and 5 injections have 252 divisions: 2 / 252 if the sides lie apart, here by the fuel."""
+    others = {"spray.scatter.seed": 2}
+    warmer = {**others, "spray.fuel_temperature_K": scene.spray.fuel_temperature_K + 40.0}  # type: ignore[union-attr]
+    found = [
+        difference(
+            made, simulate(scene.with_(**values), tmp_path / name, device=device, cache=tables)
+        )
+        for name, values in (("same", others), ("warmer", warmer))
+    ]
+    assert found[0].injections_p is not None and found[0].injections_p > 0.01
+    assert found[0].p_value == found[0].injections_p and found[0].within
+    assert found[1].injections_p == pytest.approx(2 / 252)
+    assert found[1].verdict.differs
+    assert found[1].verdict.keys[0].key == "spray.fuel_temperature_K"

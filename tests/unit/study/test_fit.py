@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from cldit.api.experiment import run_experiment
-from cldit.comparison.radiance import RadianceData
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import open_shown
 from cldit.errors import ClditError, StudyError
@@ -20,6 +19,7 @@ from cldit.gpu.device import Device
 from cldit.run import Run
 from cldit.scene import Scene, load_scene
 from cldit.study.fit import Parameter, _Model, fit
+from cldit.study.radiance import RadianceData
 from tests.bench.fit_bias import CAMERA, TRUE, VARY, biases, fitted, twin
 
 

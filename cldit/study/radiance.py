@@ -22,9 +22,9 @@ import numpy as np
 from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
-from cldit.comparison.difference import seen_in_both
 from cldit.comparison.pixels import together
 from cldit.comparison.shown import Shown
+from cldit.comparison.tested import seen_in_both
 from cldit.dit.budget import Part
 from cldit.errors import EvaluationError
 from cldit.optics.response import scene_filter

@@ -1,4 +1,4 @@
-"""`cldit compare`, `cldit diff` and `cldit repeat`: differences of results, in kelvin."""
+"""`cldit compare` and `cldit repeat`: differences of results, in kelvin."""
 
 from pathlib import Path
 
@@ -10,14 +10,8 @@ from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_tab
 from cldit.cli.options import PATH, device_option, figures_option, within_option
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files
-from cldit.comparison.compare import compare
-from cldit.comparison.difference import (
-    Align,
-    Difference,
-    MapDifference,
-    difference,
-)
-from cldit.comparison.modes import LARGE
+from cldit.comparison.compare import Comparison, compare
+from cldit.comparison.difference import Align, Difference, MapDifference
 from cldit.io.images import words
 from cldit.run.trusted import open_device
 
@@ -64,34 +58,34 @@ def compare_command(
         raise click.BadParameter(f"{wrong[0]!r}; allowed: NAME=RUN", param_hint="--line")
     named = {name: run for name, _, run in (text.partition("=") for text in lines)}
     found = compare(one, *others, acquired=acquired, within_K=within_K, align=align, lines=named)
-    for each in found.differences:
-        print_difference(each)
-    if found.verdict:
-        OUT.print(escaped(found.verdict), style="bold")
+    outcome = _printed(found)
     if out is not None:
         from cldit.show.report.comparison_page import write_comparison  # needs matplotlib
 
         print_files(*write_comparison(found, out, suffix=suffix or ".png"))
-    return Outcome(found.to_dict(), Exit.DIFFERS if found.differs else Exit.DONE)
+    return outcome
 
 
-@click.command()
+@click.command(deprecated="use `cldit compare`, which always averages onto the same pixels")
 @click.argument("one", type=PATH)
 @click.argument("other", type=PATH)
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
-@click.option("--resample", is_flag=True, help="Average a trace onto the other's pixels.")
+@click.option("--resample", is_flag=True, help="Without effect.")
 @within_option
 @json_option
 @plain_errors
 def diff(one: Path, other: Path, acquired: bool, resample: bool, within_K: float | None) -> Outcome:
-    """Subtract ONE from OTHER, in kelvin: runs, acquisitions, or measured data.
+    """Compare ONE with OTHER, as `cldit compare`; will be removed in the next version."""
+    return _printed(compare(one, other, acquired=acquired, within_K=within_K))
 
-    This is the plain form of `cldit compare`: nothing is drawn. The exit status is 3 if the errors
-    do not explain the difference.
-    """
-    found = difference(one, other, acquired=acquired, resample=resample, within_K=within_K)
-    print_difference(found)
-    return Outcome(found.to_dict(), Exit.DONE if found.within else Exit.DIFFERS)
+
+def _printed(found: Comparison) -> Outcome:
+    """Prints a comparison; the outcome is its data and exit status."""
+    for each in found.differences:
+        print_difference(each)
+    if found.verdict:
+        OUT.print(escaped(found.verdict), style="bold")
+    return Outcome(found.to_dict(), Exit.DIFFERS if found.differs else Exit.DONE)
 
 
 def print_difference(found: Difference) -> None:
@@ -121,12 +115,8 @@ def print_difference(found: Difference) -> None:
     if found.p_value is not None:
         regions = [(name, *region.cells) for name, region in found.regions.items()]
         print_table("T_app", "RMS", "mean", "chi-square", "p", "pixels", rows=regions)
-    for mode in found.modes:
-        if abs(mode.size) > LARGE:
-            OUT.print(escaped(f"  {mode.text}"))
-    for key in found.keys:
-        OUT.print(escaped(f"  {key.text}"), style="dim")
-    OUT.print(f"  {found.verdict}", style="bold")
+    for line in found.verdict.lines:
+        OUT.print(escaped(f"  {line}"), style="bold")
 
 
 def _cells(one: MapDifference) -> list[str]:

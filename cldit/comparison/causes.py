@@ -1,0 +1,189 @@
+"""Errors that all pixels share, and quantities that would explain a difference.
+
+With the covariance C of a difference r (`chi_square.py`), a change by s k of known image k lowers
+chi-square most at
+
+    s = k' C^-1 r / k' C^-1 k        by s^2 k' C^-1 k        with the error (k' C^-1 k)^-1/2.
+
+The same holds for a mode, which is in C with the variance 1: s is its size if it were free, of
+which k' C^-1 k / (1 - k' C^-1 k) is the inverse of the variance.
+Temperatures of walls and patches change T_app as the stored weights of their light say, those of
+the black body by its radiance. Both are evaluated again at the size found, which is no derivative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cldit.arrays import Floats
+from cldit.camera.curve import Curve
+from cldit.comparison.shown import Shown
+from cldit.comparison.tested import Tested
+from cldit.dit.traced_maps import evaluated, sensor_of
+from cldit.optics.response import Filter, scene_filter
+
+_LARGEST = 5.0  # stated deviations of an error that explains anything
+_FARTHEST_K = 150.0  # of a temperature
+_STEP_K = 5.0  # of the first estimate
+_LEAST_K = 1e-3
+_MOST_OFTEN, _ENOUGH = 12, 2e-3  # evaluations of a temperature, until it changes by less
+_MOSTLY = 0.5  # of what the errors leave, by a cause that is named
+_CLEAR = 9.0  # of chi-square: the size of a cause is 3 of its errors or more
+_BY_CHANCE = 3.84  # of chi-square: causes that explain as much with a probability of 5 %
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A temperature that may differ: change (H, W) of a difference if it is so many kelvin higher
+    in the second result."""
+
+    name: str
+    change: Callable[[float], Floats] = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """A quantity that explains a difference.
+
+    size, error: in `unit`, kelvin or stated deviations. share: of the chi-square beyond that of the
+    errors. p_value: of the rest of the difference.
+    """
+
+    name: str
+    size: float
+    error: float
+    unit: str
+    share: float
+    p_value: float
+
+    @property
+    def text(self) -> str:
+        """`walls, +20 ± 1 K`."""
+        digits = max(0, 1 - math.floor(math.log10(self.error))) if self.error > 0.0 else 1
+        digits = min(digits, 1 if abs(self.size) >= 1.0 else 2)
+        return f"{self.name}, {self.size:+.{digits}f} ± {self.error:.{digits}f} {self.unit}"
+
+
+def trials(
+    one: Shown, other: Shown, seen: tuple[Shown, Shown], onto: Callable[[Shown], Floats]
+) -> Iterator[Trial]:
+    """Temperatures of the walls and patches of a trace, and of the black body of a recording.
+
+    seen: both on the same pixels. onto: T_app (H, W) of the trace, evaluated otherwise, on these.
+    """
+    trace = next((each for each in (other, one) if each.run is not None), None)
+    if trace is not None and trace.run is not None:
+        names = {"walls": "walls.temperature_K"}
+        for number, patch in enumerate(trace.run.scene.patches):
+            names[f"patch {patch.name}"] = f"patches[{number}].temperature_K"
+        before = onto(_evaluated(trace, {}))
+        sign = 1.0 if trace is other else -1.0
+        for name, key in names.items():
+
+            def change(kelvin: float, key: str = key) -> Floats:
+                return sign * (before - onto(_evaluated(trace, {key: -sign * kelvin})))
+
+            yield Trial(name, change)
+    stated = any("black body" in part.name for each in seen for part in each.systematic)
+    for shown, sign in zip(seen, (-1.0, 1.0), strict=True):
+        scene = shown.scene or (shown.traced and shown.traced.scene)
+        if shown.noisy and scene and not stated:
+            yield Trial("background", _background(shown, scene_filter(scene), sign))
+            return
+
+
+def _evaluated(shown: Shown, kelvin: dict[str, float]) -> Shown:
+    """A trace evaluated with other temperatures, by keys and their changes."""
+    run = shown.run
+    assert run is not None
+    scene = run.scene
+    values = {"walls.temperature_K": scene.walls.temperature_K}
+    values |= {f"patches[{n}].temperature_K": p.temperature_K for n, p in enumerate(scene.patches)}
+    scene = scene.with_(**{key: values[key] + change for key, change in kelvin.items()})
+    sensor = sensor_of(scene, run.quadrature, (run.spectral, run.reference))
+    maps = evaluated(scene, run.quadrature, run.spectral, run.reference, sensor)
+    return replace(shown, maps=maps, run=replace(run, scene=scene, maps=maps))
+
+
+def _background(shown: Shown, filter_um: Filter, sign: float) -> Callable[[float], Floats]:
+    """Change of T_app by a black body that is warmer than it was taken to be.
+
+    Shots with and without spray are as bright where e I(T_app) = e x, with x the radiance that is
+    taken to leave the black body: I(T_app) falls as x rises above it.
+    """
+    curve = Curve(filter_um=filter_um)
+    assert shown.traced is not None
+    at_K = float(np.median(shown.traced.scene.background.temperatures_K))
+    kelvin = shown.maps.apparent_temperature_K.astype(float)
+    light = curve.radiance(np.where(np.isfinite(kelvin), kelvin, at_K))
+
+    def change(by_K: float) -> Floats:
+        more = curve.radiance(at_K + sign * by_K) - curve.radiance(at_K)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(sign * (kelvin - curve.temperature(light + more)))
+
+    return change
+
+
+def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Cause, ...]:
+    """The cause that explains most of a difference, and those that explain as much within chance.
+
+    None explains less than half of what the errors leave, or is a stated error of more than 5
+    deviations.
+    """
+    before = tested.again(change_K)
+    if before is None:
+        return ()
+    where = np.isfinite(before.residuals)
+    own_K, modes, even = tested.own_K[where], tested.modes, before.correlated
+    z = change_K[where] / own_K
+    b = np.array([mode.kelvin[where] for mode in modes]).reshape(len(modes), z.size) / own_K
+    inner = even * np.eye(len(b)) + b @ b.T
+
+    def size_of(kelvin: Floats) -> tuple[float, float]:
+        """Best size of an image, and its weight k' C^-1 k."""
+        k = np.nan_to_num(kelvin[where]) / own_K
+        weighed = k - (b @ k) @ np.linalg.solve(inner, b)
+        weight = float(k @ weighed)
+        return (float(z @ weighed) / weight if weight > 0.0 else 0.0), weight / even
+
+    left = float(z @ z - (b @ z) @ np.linalg.solve(inner, b @ z))
+    beyond = max(left - len(z), 1.0) / even
+    found = []
+    for trial in tried:
+        kelvin, before_K = trial.change(_STEP_K) / _STEP_K, math.inf
+        for _ in range(_MOST_OFTEN):
+            size, weight = size_of(kelvin)
+            size = float(np.clip(size, -_FARTHEST_K, _FARTHEST_K))
+            if abs(size - before_K) < _ENOUGH * abs(size) or abs(size) < _LEAST_K:
+                break
+            kelvin, before_K = trial.change(size) / size, size
+        error = max(weight, 1e-12) ** -0.5
+        found.append((size**2 * weight, trial.name, "K", kelvin, size, error))
+    for mode in modes:
+        size, weight = size_of(mode.kelvin)
+        if abs(size) <= _LARGEST:
+            gain, error = size**2 * weight, (max(1.0 - weight, 0.0) / max(weight, 1e-12)) ** 0.5
+            found.append((gain, mode.name, "stated deviations", mode.kelvin, size, error))
+    best = max((each[0] for each in found), default=0.0)
+    if best < max(_MOSTLY * beyond, _CLEAR):
+        return ()
+    out = []
+    for gain, name, unit, kelvin, size, error in sorted(found, key=lambda each: -each[0]):
+        if gain >= max(best - _BY_CHANCE, _CLEAR):
+            rest = tested.again(change_K - size * np.nan_to_num(kelvin))
+            out.append(
+                Cause(
+                    name=name,
+                    size=size,
+                    error=error,
+                    unit=unit,
+                    share=min(gain / beyond, 1.0),
+                    p_value=0.0 if rest is None else rest.p_value,
+                )
+            )
+    return tuple(out)

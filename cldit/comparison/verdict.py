@@ -1,0 +1,97 @@
+"""Conclusion of a comparison: effect with its interval, power, p, keys that differ, best cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cldit.comparison.causes import Cause
+from cldit.comparison.chi_square import LEVEL, probability
+from cldit.scene.keys import KeyDifference
+
+_TWO_SIDED = 1.96  # standard errors of an interval of 95 %
+_KEYS = 3  # that are named
+_NOT_SEEN = ("name", "description", "rig", "plan", "optics.compare_paper")  # keys without effect
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Conclusion on the difference of two results.
+
+    differs: True if the errors do not explain it; None: there is no test, and `why` is the reason.
+    region: part of the spray with the smallest p, or `all` if the errors explain the difference.
+    effect_K: mean change of T_app in it, error_K: its standard error, both None without errors;
+    rms_K: of the change. seen_K: change of all pixels that the test finds with a probability of
+    95 %. p_value: probability of a larger difference by the errors alone. keys: of the scenes, that
+    differ. causes: the best, and those that explain as much within chance. at_least: True if the
+    size of an error is unknown.
+    """
+
+    differs: bool | None
+    why: str = ""
+    region: str = "all"
+    effect_K: float | None = None
+    error_K: float | None = None
+    rms_K: float | None = None
+    seen_K: float | None = None
+    p_value: float | None = None
+    keys: tuple[KeyDifference, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    at_least: bool = False
+
+    @property
+    def interval_K(self) -> tuple[float, float] | None:
+        """Limits of the effect with a probability of 95 %."""
+        if self.effect_K is None or self.error_K is None:
+            return None
+        half = _TWO_SIDED * self.error_K
+        return self.effect_K - half, self.effect_K + half
+
+    @property
+    def power(self) -> bool:
+        """False if the stated errors are so large that no difference of this size is seen."""
+        return self.p_value is None or self.p_value <= 1.0 - LEVEL
+
+    @property
+    def text(self) -> str:
+        """Result of the test, effect and power in one sentence."""
+        if self.p_value is None or self.interval_K is None:
+            return self.why
+        if self.differs:
+            start = f"differs in {self.region}" if self.region != "all" else "differs"
+        else:
+            start = "no difference is seen" if self.power else "no power"
+        known = ", with errors as far as they are known" if self.at_least else ""
+        low, high = self.interval_K
+        where = "" if self.region == "all" else f" in {self.region}"
+        seen = (
+            f"a change of all pixels is seen in 95 % of all cases from {self.seen_K:.2g} K on"
+            if self.seen_K is not None and self.seen_K < 1e3
+            else "a change of all pixels is not seen, however large"
+        )
+        more = "" if self.power else "; the stated errors are larger than all that differs"
+        return (
+            f"{start} ({probability(self.p_value)}{known}): T_app{where} {self.effect_K:+.2g} K, "
+            f"95 % between {low:+.2g} and {high:+.2g} K, RMS {self.rms_K:.2g} K; {seen}{more}"
+        )
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The text after the keys that differ, and before the causes."""
+        found = [self.text]
+        keys = [one for one in self.keys if not one.key.startswith(_NOT_SEEN)]
+        if keys:
+            more = f" and {len(keys) - _KEYS} more" if len(keys) > _KEYS else ""
+            found.insert(0, f"keys: {'; '.join(one.text for one in keys[:_KEYS])}{more}")
+        if self.causes:
+            best, *others = self.causes
+            rest = (
+                "explains it"
+                if best.p_value >= LEVEL
+                else f"explains {100 * best.share:.0f} % of it"
+            )
+            found.append(f"best cause: {best.text} ({rest})")
+            if others:
+                found.append(f"as good: {'; '.join(one.text for one in others)}")
+        elif self.differs:
+            found.append("no stated error, and no temperature of walls or background, explains it")
+        return tuple(found)
