@@ -163,8 +163,8 @@ class LagrangianSpray(Section):
     """Gas of the vessel, a CoolProp fluid."""
     ambient: Ambient = Ambient()
     """State of the gas before injection."""
-    droplets: Droplets = NukiyamaTanasawa()
-    """Droplet size distribution at the hole; breakup is not computed."""
+    droplets: Droplets | None = NukiyamaTanasawa()
+    """Droplet size distribution at the hole; breakup is not computed. null: the fuel is a gas."""
     droplets_per_parcel: Annotated[float, Within(1.0, 1e9)] = 1e4
     """Mean number of droplets per parcel; all parcels start with the same mass."""
     evaporation: Literal[
