@@ -16,6 +16,7 @@ from cldit.scene.spray import LagrangianSpray
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import Hole, Injection, plume_axis, released_share
+from cldit.spray.flow.mixture import LOWEST_K
 from cldit.spray.flow.notional_nozzle import Expansion, expand
 from cldit.spray.flow.parcels import FlyingParcels, REACH_m
 from cldit.spray.flow.rays import RayGrid
@@ -42,6 +43,13 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
         stagnation_K=spec.fuel_temperature_K,
         pressure_Pa=spec.ambient.pressure_Pa,
     )
+    least_K = max(LOWEST_K, fuel.vapour.low_K)
+    if jet.temperature_K < least_K:
+        raise SprayError(
+            f"spray.fuel_temperature_K: {spec.fuel_temperature_K:g} falls to "
+            f"{jet.temperature_K:.0f} K in the notional nozzle, and properties of {fuel.name} "
+            f"begin at {least_K:.0f} K; allowed: hotter fuel, or a lower spray.injection_pressure_Pa"
+        )
     times, given = released_share(spec)
     top = float(np.max(np.diff(given) / np.diff(times))) * spec.injected_mass_kg
     shares = np.array([plume.mass_fraction for plume in spec.plumes])

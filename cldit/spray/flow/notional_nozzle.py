@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.errors import SprayError
 from cldit.spray.droplet.curves import integral
 from cldit.spray.droplet.fluids import Gas
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
@@ -53,10 +52,7 @@ class Expansion:
 
 
 def expand(gas: Gas, *, stagnation_Pa: float, stagnation_K: float, pressure_Pa: float) -> Expansion:
-    """Expands a gas from rest in the injector into another one of a lower pressure.
-
-    Raises SprayError if it becomes colder than the tables of its properties.
-    """
+    """Expands a gas from rest in the injector into another one of a lower pressure."""
     constant = GAS_CONSTANT_J_mol_K / gas.molar_mass_kg_mol
     table_K = np.linspace(gas.vapour.low_K, stagnation_K, _SECTIONS)
     cp, enthalpy = gas.vapour.at(table_K, "cp", "enthalpy")
@@ -70,12 +66,6 @@ def expand(gas: Gas, *, stagnation_Pa: float, stagnation_K: float, pressure_Pa: 
     throat = int(np.argmax(flux))
     fast = float(speed[throat] + (pressure[throat] - pressure_Pa) / flux[throat])
     cold = float(np.interp(enthalpy[-1] - 0.5 * fast**2, enthalpy, table_K))
-    if cold <= gas.vapour.low_K:
-        raise SprayError(
-            f"spray.injection_pressure_Pa: {stagnation_Pa:g} expands {gas.name} of "
-            f"spray.fuel_temperature_K: {stagnation_K:g} to below {gas.vapour.low_K:.0f} K, where "
-            "its properties end; allowed: a lower pressure or hotter fuel"
-        )
     density = pressure_Pa / (constant * cold)
     return Expansion(
         flux_kg_m2_s=float(flux[throat]),
