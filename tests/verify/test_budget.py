@@ -142,7 +142,7 @@ def test_errors_are_kept(tmp_path: Path) -> None:
     data: dict[str, Any] = cldit.load_scene("methane-jet").model_dump(mode="json")
     data["camera"]["pixels"] = [32, 32]
     data["domain"]["leaf_edge_m"] = 8e-3
-    data["spray"]["box"]["spacing_m"] = 2.5e-3
+    data["spray"]["time_s"], data["spray"]["box"]["spacing_m"] = 0.3e-3, 1.8e-3
     run = cldit.simulate(cldit.parse_scene(data), tmp_path / "run")
     assert run.errors is not None and run.errors.unknown == ("order of the cells",)
     assert by_name(run.errors)["gas grid"]
