@@ -48,7 +48,8 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
         raise SprayError(
             f"spray.fuel_temperature_K: {spec.fuel_temperature_K:g} falls to "
             f"{jet.temperature_K:.0f} K in the notional nozzle, and properties of {fuel.name} "
-            f"begin at {least_K:.0f} K; allowed: hotter fuel, or a lower spray.injection_pressure_Pa"
+            f"begin at {least_K:.0f} K; allowed: hotter fuel, or a lower "
+            "spray.injection_pressure_Pa"
         )
     times, given = released_share(spec)
     top = float(np.max(np.diff(given) / np.diff(times))) * spec.injected_mass_kg

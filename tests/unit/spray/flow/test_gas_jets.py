@@ -10,10 +10,12 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
-from cldit.scene.spray import Ambient, FlowBox, Plume
+from cldit.scene import parse_scene
+from cldit.scene.spray import Ambient, FlowBox, LagrangianSpray, Plume
 from cldit.spray.droplet.fluids import Fuel, fuel_table
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.gas_jets import _sources, inject_gas
+from cldit.spray.flow.injector import released_share
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.notional_nozzle import expand
 from cldit.spray.flow.ray_choice import ray_grid
@@ -101,6 +103,21 @@ def test_sources_have_all_of_the_flow_and_its_thrust(
     axial = np.cos(np.radians([plume.inclination_deg for plume in plumes])) @ shares / shares.sum()
     down = np.tensordot(grid.frame @ [0.0, 0.0, -1.0], push, 1)
     assert np.sum(down * volume) == pytest.approx(axial * jet.speed_m_s, rel=1e-12)
+
+
+def test_a_cone_of_methane_of_0_1_is_read_as_a_jet() -> None:
+    """Its lattice and classes of size have no counterpart; fuel leaves at one rate."""
+    old = {
+        "name": "old",
+        "spray": {"model": "cone", "fuel": "methane", "droplets": None, "spacing_m": 1e-3,
+                  "size_classes": None, "time_s": 0.9e-3, "injection_pressure_Pa": 15e6},
+    }  # fmt: skip
+    spray = parse_scene(old).spray
+    assert isinstance(spray, LagrangianSpray)
+    assert (spray.fuel, spray.droplets, spray.rate.ramp_s) == ("methane", None, 0.0)
+    assert (spray.time_s, spray.injection_pressure_Pa) == (0.9e-3, 15e6)
+    times, share = released_share(spray)
+    np.testing.assert_allclose(share, times / 1.5e-3, rtol=1e-12)
 
 
 def test_before_and_after_the_injection(device: Device, tables: Path) -> None:
