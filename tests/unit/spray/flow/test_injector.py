@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
+from cldit.scene.sizes import NukiyamaTanasawa
 from cldit.scene.spray import InjectionRate, LagrangianSpray, Plume
 from cldit.spray.droplet.fluids import Fuel, fuel_table
 from cldit.spray.flow.injector import Injection, inject
