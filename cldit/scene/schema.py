@@ -15,10 +15,12 @@ from cldit.scene.change import changed
 from cldit.scene.checks import Section, describe
 from cldit.scene.optics import Optics
 from cldit.scene.rig import PlanSize, Rig
-from cldit.scene.spray import Spray
+from cldit.scene.spray import Spray, gas_jet_of_0_1
 from cldit.scene.transport import Transport
 from cldit.scene.values import Point
 from cldit.scene.vessel import Background, Domain, Patches, Walls, Windows
+
+_GAS_OF_0_1 = "cone", "methane"  # model and fuel of a spray
 
 
 class Scene(Section):
@@ -54,7 +56,10 @@ class Scene(Section):
     @model_validator(mode="before")
     @classmethod
     def _of_0_1(cls, data: Any) -> Any:
-        """Moves the scatter between shots from its place in version 0.1."""
+        """Moves the scatter between shots from its place in version 0.1, and reads its gas jets."""
+        spray = data.get("spray") if isinstance(data, dict) else None
+        if isinstance(spray, dict) and (spray.get("model"), spray.get("fuel")) == _GAS_OF_0_1:
+            data = {**data, "spray": gas_jet_of_0_1(spray)}
         rig = data.get("rig") if isinstance(data, dict) else None
         old = {"shot_scatter": "optical_depth", "shot_scatter_length_m": "length_m"}
         if not isinstance(rig, dict) or not rig.keys() & old.keys():

@@ -1,5 +1,6 @@
 """The spray: a model with its conditions, a grid of coefficients, or a CFD result."""
 
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -56,14 +57,14 @@ class ConeSpray(Section):
     """Fuel pressure in the injector."""
     hole_diameter_m: Annotated[float, Within(1e-6, 1e-2)] = 165e-6
     """Diameter of each hole."""
-    fuel: Literal["n-heptane", "methane"] = "n-heptane"
+    fuel: Literal["n-heptane"] = "n-heptane"
     """Fuel of liquid and vapour."""
     fuel_temperature_K: Annotated[float, Within(180.0, 535.0)] = 370.0
     """Fuel temperature at the hole."""
     ambient: Ambient = Ambient()
     """The gas of the vessel."""
-    droplets: Droplets | None = NukiyamaTanasawa()
-    """Droplet size distribution at the hole; null: vapour only."""
+    droplets: Droplets = NukiyamaTanasawa()
+    """Droplet size distribution at the hole."""
     evaporation: bool = True
     """Evaporation of the droplets."""
     size_classes: Annotated[int, Within(1, 64)] | None = None
@@ -163,8 +164,8 @@ class LagrangianSpray(Section):
     """Gas of the vessel, a CoolProp fluid."""
     ambient: Ambient = Ambient()
     """State of the gas before injection."""
-    droplets: Droplets = NukiyamaTanasawa()
-    """Droplet size distribution at the hole; breakup is not computed."""
+    droplets: Droplets | None = NukiyamaTanasawa()
+    """Droplet size distribution at the hole; breakup is not computed. null: the fuel is a gas."""
     droplets_per_parcel: Annotated[float, Within(1.0, 1e9)] = 1e4
     """Mean number of droplets per parcel; all parcels start with the same mass."""
     evaporation: Literal[
@@ -188,6 +189,13 @@ class LagrangianSpray(Section):
         """The spray on other cells of gas."""
         box = self.box.model_copy(update={"spacing_m": spacing_m})
         return self.model_copy(update={"box": box})
+
+
+def gas_jet_of_0_1(spray: Mapping[str, Any]) -> dict[str, Any]:
+    """A cone of methane, which versions before 0.2 had, as a computed jet of gas."""
+    only = ("evaporation", "size_classes", "spacing_m", "parcels_per_cell", "seed")
+    kept = {key: value for key, value in spray.items() if key not in only}
+    return {"rate": {"ramp_s": 0.0}, **kept, "model": "lagrangian", "droplets": None}
 
 
 class GridSpray(Section):

@@ -29,6 +29,16 @@ INLINE lane_t temperature_of(
     return mixture[0] + R(1e3) * x;
 }
 
+/* Enthalpy per mass of gas in motion, from that at rest. A mixture moves with its share of the momentum of
+   the jet, whose speed is jet_speed; 0: kinetic energy is neglected. The speed of the gas itself would cool
+   where pressure accelerates it, and cold gas is accelerated more: the flow of a low Mach number is
+   unstable with it. */
+INLINE lane_t static_enthalpy(lane_t at_rest, lane_t share, real jet_speed)
+{
+    const lane_t speed = share * jet_speed;
+    return at_rest - R(0.5) * speed * speed;
+}
+
 /* Pressure of the densities of mixture and vapour at a temperature. */
 INLINE lane_t pressure_of(
     lane_t density, lane_t fuel, lane_t temperature, __global const real *restrict mixture)

@@ -9,13 +9,14 @@ __kernel void source_pressure(
     __global const real *restrict fuel, __global const real *restrict enthalpy,
     __global const real *restrict temperature, __global const real *restrict amiss,
     __global const real *restrict common, __global const real *restrict mixture,
-    __global real *restrict rise, CELL_ARGUMENTS)
+    __global real *restrict rise, const real jet_speed, CELL_ARGUMENTS)
 {
     CELL
     const lane_t mass = READ(amounts + at), heat = READ(amounts + cells + at);
     const lane_t heavy = READ(density + at) + mass, vapour = READ(fuel + at) + mass;
-    const lane_t t =
-        temperature_of(vapour / heavy, (READ(enthalpy + at) + heat) / heavy, READ(temperature + at), mixture);
+    const lane_t share = vapour / heavy;
+    const lane_t warm = static_enthalpy((READ(enthalpy + at) + heat) / heavy, share, jet_speed);
+    const lane_t t = temperature_of(share, warm, READ(temperature + at), mixture);
     const lane_t change = pressure_of(heavy, vapour, t, mixture) / common[0] - R(1) - READ(amiss + at);
     const lane_i none = (mass == R(0)) & (heat == R(0));
     const lane_t caused = none ? (lane_t)(R(0)) : change;

@@ -6,14 +6,14 @@
 /* Density, vapour and enthalpy per volume, temperature, velocity; `own` becomes the pressure of each cell.
 
    carried: mass after the transport of momentum; after: after that of the values (share of vapour,
-   enthalpy per mass). force: on the cells in the step. */
+   enthalpy per mass). force: on the cells in the step. jet_speed: see `static_enthalpy`. */
 __kernel void finish(
     __global const real *restrict carried, __global const real *restrict after,
     __global const real *restrict values, __global const real *restrict force,
     __global real *restrict velocity, __global real *restrict density, __global real *restrict fuel,
     __global real *restrict enthalpy, __global real *restrict temperature, __global real *restrict own,
     __global const real *restrict mixture, __global const real *restrict angle,
-    __global const real *restrict shell, CELL_ARGUMENTS)
+    __global const real *restrict shell, const real jet_speed, CELL_ARGUMENTS)
 {
     CELL
     const lane_t heavy = READ(after + at), inverse = R(1) / heavy, moved = READ(carried + at);
@@ -23,7 +23,8 @@ __kernel void finish(
     WRITE((READ(velocity + y) * moved + READ(force + y)) * inverse, velocity + y);
     WRITE((READ(velocity + z) * moved + READ(force + z)) * inverse, velocity + z);
     const lane_t volume = VOLUME(angle, shell), dense = heavy / volume, vapour = share * dense;
-    const lane_t t = temperature_of(share, heat, READ(temperature + at), mixture);
+    const lane_t warm = static_enthalpy(heat, share, jet_speed);
+    const lane_t t = temperature_of(share, warm, READ(temperature + at), mixture);
     WRITE(dense, density + at);
     WRITE(vapour, fuel + at);
     WRITE(heat * dense, enthalpy + at);

@@ -139,11 +139,12 @@ def test_no_audit_no_errors(run_block: Callable[..., Run]) -> None:
 
 
 def test_errors_are_kept(tmp_path: Path) -> None:
-    """In run.json, without NaN, and as maps; the cone's own lattice has an error that is known.
-    Its fixed cells are so coarse that they show no order of convergence: "at least"."""
+    """In run.json, without NaN, and as maps; the grid of the jet's gas has an error that is known.
+    The fixed cells are so coarse that they show no order of convergence: "at least"."""
     data: dict[str, Any] = cldit.load_scene("methane-jet").model_dump(mode="json")
     data["camera"]["pixels"] = [32, 32]
     data["domain"]["leaf_edge_m"] = 8e-3
+    data["spray"]["time_s"], data["spray"]["box"]["spacing_m"] = 0.3e-3, 1.8e-3
     run = cldit.simulate(cldit.Scene.from_dict(data), tmp_path / "run")
     assert run.errors is not None and run.errors.unknown == ("order of the cells",)
     assert by_name(run.errors)["gas grid"]

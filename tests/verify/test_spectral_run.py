@@ -205,7 +205,7 @@ def test_kept_and_opened(device: Device, tmp_path: Path, tables: Path) -> None:
     data["optics"] = {"preset": "spectral", "wavelengths": 2}
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3
-    data["spray"]["spacing_m"] = 2e-3
+    data["spray"]["box"]["spacing_m"] = 2e-3
     data["transport"]["audit"] = False
     run = cldit.simulate(parse_scene(data), tmp_path / "run", device=device, cache=tables)
     again = cldit.open_run(tmp_path / "run")
@@ -230,7 +230,7 @@ def test_the_methane_jet_stays_translucent(device: Device, tables: Path) -> None
     data["optics"]["compare_paper"] = False
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3
-    data["spray"]["spacing_m"] = 2e-3
+    data["spray"]["box"]["spacing_m"] = 2e-3
     data["transport"]["audit"] = False
     run = cldit.simulate(parse_scene(data), device=device, cache=tables)
     assert 0.28 < float(np.nanmax(run.maps.emissivity)) < 0.34

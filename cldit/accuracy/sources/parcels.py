@@ -124,13 +124,11 @@ class _SizeClasses(ErrorSource):
     remedy = remedies("more spray.size_classes", "spray.size_classes")
 
     def is_free(self, scene: Scene) -> bool:
-        spray = scene.spray
-        droplets = isinstance(spray, ConeSpray) and spray.droplets is not None
-        return droplets and not self.key(scene)
+        return isinstance(scene.spray, ConeSpray) and not self.key(scene)
 
     def applies(self, prepared: Prepared) -> bool:
         cone = prepared.cone
-        return cone is not None and cone.droplets is not None and cone.classes > 1
+        return cone is not None and cone.classes > 1
 
     def predict(self, at: Measurement) -> list[Estimate]:
         cone = at.prepared.cone
@@ -154,7 +152,7 @@ class _SizeClasses(ErrorSource):
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         cone = at.prepared.cone
-        if cone is None or cone.droplets is None:
+        if cone is None:
             return []
         if self.name in at.predicted:
             return [at.predicted[self.name].at(1 / cone.classes)]

@@ -1,7 +1,7 @@
-"""Properties of n-heptane, methane and nitrogen: fits with their sources, SI, for arrays.
+"""Properties of n-heptane and nitrogen: fits with their sources, SI, for arrays.
 
 n-heptane: coefficients of the NSRDS/DIPPR fits as tabulated by OpenFOAM (C7H16). Nitrogen: CHEMKIN
-thermodynamic data base; methane: GRI-Mech 3.0. Gases are ideal. Enthalpies are relative to an
+thermodynamic data base. Gases are ideal. Enthalpies are relative to an
 arbitrary zero of each substance; liquid and vapour of n-heptane share theirs.
 """
 
@@ -135,19 +135,6 @@ class IdealGas:
         cold = (t - held) * self.cp_J_kg_K(self.low_K)
         return np.asarray(rise * self.gas_constant_J_kg_K + cold)
 
-    def entropy_J_kg_K(self, temperature_K: ArrayLike) -> Floats:
-        """Entropy at constant pressure, zero at `mid_K`; any shape."""
-        t = np.asarray(temperature_K, dtype=float)
-        held = np.maximum(t, self.low_K)
-        parts = []
-        for c in (self.cold, self.hot):
-            slope = tuple(value / max(power, 1) for power, value in enumerate(c))
-            both = [c[0] * np.log(at) + _horner((0.0, *slope[1:]), at) for at in (held, self.mid_K)]
-            parts.append(both[0] - both[1])
-        rise = np.where(held < self.mid_K, parts[0], parts[1])
-        cold = self.cp_J_kg_K(self.low_K) * np.log(t / held)
-        return np.asarray(rise * self.gas_constant_J_kg_K + cold)
-
     def _heat(self, coefficients: tuple[float, ...], t: Floats) -> Floats:
         slope = tuple(value / (power + 1) for power, value in enumerate(coefficients))
         return np.asarray(t * _horner(slope, t) - self.mid_K * _horner(slope, self.mid_K))
@@ -166,13 +153,6 @@ NITROGEN = IdealGas(
     mid_K=1000.0,
     cold=(3.298677, 1.4082404e-3, -3.963222e-6, 5.641515e-9, -2.444854e-12),
     hot=(2.926640, 1.4879768e-3, -5.684760e-7, 1.0097038e-10, -6.753351e-15),
-)
-METHANE = IdealGas(
-    molar_mass_kg_mol=0.0160425,
-    low_K=200.0,
-    mid_K=1000.0,
-    cold=(5.14987613, -1.36709788e-2, 4.91800599e-5, -4.84743026e-8, 1.66693956e-11),
-    hot=(7.48514950e-2, 1.33909467e-2, -5.73285809e-6, 1.22292535e-9, -1.01815230e-13),
 )
 
 

@@ -68,7 +68,6 @@ def plume_kinetics(
     steps: int = _STEPS,
 ) -> Kinetics:
     """Evaporation along a plume up to the age `oldest_s`, by `steps` rising in length."""
-    assert spec.droplets is not None
     age = np.append(0.0, np.geomspace(_FIRST, 1.0, steps)) * oldest_s
     xi = np.sqrt((np.arange(rings) + 0.5) / rings)
     diameter = strata_m(spec.droplets, classes)

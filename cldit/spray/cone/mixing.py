@@ -19,7 +19,6 @@ from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
-    METHANE,
     NITROGEN,
     GAS_CONSTANT_J_mol_K,
     HEPTANE_CRITICAL_Pa,
@@ -58,8 +57,8 @@ class Mixture:
     fuel_to_gas: rising. kinetic: rising from 0 to 1. equilibrium: evaporated share in equilibrium,
     (N,). fuel_kg_m3: fuel, liquid and vapour, in a cubic metre of mixture at the given pressure,
     rising with B, (A, N). gas_K, liquid_K: (A, N).
-    saturation_B, saturation_K: where the last liquid evaporates in equilibrium; NaN for a gaseous
-    fuel or without evaporation.
+    saturation_B, saturation_K: where the last liquid evaporates in equilibrium; NaN without
+    evaporation.
     """
 
     fuel_to_gas: Floats
@@ -313,40 +312,6 @@ def _saturation(**conditions: float) -> float:
             return float("nan")  # all or none evaporates in every mixture
         low, high = ratio[first - 1], ratio[first]
     return float(low)
-
-
-def methane_mixture(
-    *, pressure_Pa: float, gas_K: float, fuel_K: float, speed_m_s: float
-) -> Mixture:
-    """Table of a jet of methane in nitrogen, both ideal gases.
-
-    Stagnation enthalpies and momentum mix: a mixture with mass fraction Z of methane moves at Z
-    times the speed of the expanded jet, and the lost kinetic energy is heat. So Z = 1 is the jet
-    after expansion (coldest), and the dilute jet has the temperature of plain mixing. `fuel_K` is
-    the stagnation temperature, and `speed_m_s` that of the jet expanded to the gas's pressure.
-    """
-    ratio = np.geomspace(1e-9, 1e6, _ENTRIES)
-    z = ratio / (1 + ratio)
-    supply = (
-        z * METHANE.enthalpy_J_kg(fuel_K)
-        + (1 - z) * NITROGEN.enthalpy_J_kg(gas_K)
-        - 0.5 * (z * speed_m_s) ** 2
-    )
-
-    def excess(temperature: Floats) -> Floats:
-        methane, nitrogen = METHANE.enthalpy_J_kg(temperature), NITROGEN.enthalpy_J_kg(temperature)
-        return np.asarray(z * methane + (1 - z) * nitrogen - supply)
-
-    top = max(gas_K, fuel_K) * (1 + 1e-12)
-    temperature = rising_root(excess, np.full(z.shape, 1.0), np.full(z.shape, top))
-    per_pascal = GAS_CONSTANT_J_mol_K * temperature / pressure_Pa
-    volume = per_pascal / METHANE.molar_mass_kg_mol + per_pascal / (
-        NITROGEN.molar_mass_kg_mol * ratio
-    )
-    both = np.tile(temperature, (2, 1))
-    return Mixture(
-        ratio, np.array([0.0, 1.0]), np.ones(z.shape), np.tile(1 / volume, (2, 1)), both, both
-    )
 
 
 def rising_root(

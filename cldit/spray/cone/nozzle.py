@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -12,8 +11,7 @@ from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
-from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
-from cldit.spray.cone.underexpanded_jet import expand
+from cldit.spray.cone.mixing import Mixture, heptane_mixture
 from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, droplet_kernels, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.follow import LARGEST_M
@@ -34,12 +32,6 @@ class NozzleFlow:
     sizes: D2Law | None = None
     bulb: WetBulb | None = None
     kernels: DropletKernels | None = None  # of droplets that evaporate
-    disc: float = 0.0  # distance of the Mach disc, in diameters of the part that flows
-    notes: Mapping[str, float] = field(default_factory=dict)
-
-    def barrel_m(self, rate_kg_s: float) -> float:
-        """Length of the shock barrel, in which a plume entrains no gas."""
-        return self.disc * float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
 
 
 def nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
@@ -64,34 +56,6 @@ def _nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
             f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
             f"pressure of the gas, {ambient.pressure_Pa:g}"
         )
-    if spec.fuel == "methane":
-        jet = expand(
-            stagnation_Pa=spec.injection_pressure_Pa,
-            stagnation_K=spec.fuel_temperature_K,
-            pressure_Pa=ambient.pressure_Pa,
-        )
-        mixture = methane_mixture(
-            pressure_Pa=ambient.pressure_Pa,
-            gas_K=ambient.temperature_K,
-            fuel_K=spec.fuel_temperature_K,
-            speed_m_s=jet.speed_m_s,
-        )
-        notes = {
-            "throat_K": jet.throat_K,
-            "throat_Pa": jet.throat_Pa,
-            "notional_K": jet.temperature_K,
-            "notional_area_ratio": jet.area,
-        }
-        return NozzleFlow(
-            jet.speed_m_s,
-            jet.density_kg_m3,
-            jet.flux_kg_m2_s,
-            mixture,
-            disc=jet.disc,
-            notes=notes,
-        )
-    if spec.droplets is None:
-        raise SprayError("spray.droplets: null, but n-heptane leaves the injector as droplets")
     density = float(heptane_density_kg_m3(spec.fuel_temperature_K))
     drop = spec.injection_pressure_Pa - ambient.pressure_Pa
     speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))

@@ -154,7 +154,7 @@ def _in_parts(
 ) -> Iterator[_Run]:
     """Yields the parts of cells that are halved so many times, as `_filled`, slab by slab."""
     h = lattice.edge_m / 2**halvings
-    width_m, start = plume.width_m(h), plume.start_m
+    width_m = plume.width_m(h)
     # A cell whose middle is near the nozzle reaches beyond it by less than its edge.
     within_m = (lattice.near[halvings - 1] + 1) * lattice.edge_m if halvings else np.inf
     least, most = plume.box_m(h, within_m)
@@ -169,12 +169,11 @@ def _in_parts(
         centre = [(one + 0.5) * h for one in np.ix_(*ranges)]
         s = sum(a * c for a, c in zip(plume.axis, centre, strict=True))
         r2 = sum(c * c for c in centre) - s * s
-        end = start + plume.projected_m[-1]
+        end = plume.projected_m[-1]
         at = np.flatnonzero((s > 0) & (s < end) & (r2 < most_m**2))
         box = s.shape
         s, r2 = s.reshape(-1)[at], r2.reshape(-1)[at]
-        # In the barrel the fuel is unmixed, as at the start of the jet.
-        s = np.interp(s - start, plume.projected_m, plume.along_m)
+        s = np.interp(s, plume.projected_m, plume.along_m)
         width = np.interp(s, plume.along_m, width_m)
         for one, aside in zip(centre, plume.aside_m.T, strict=True):
             moved = np.interp(s, plume.along_m, aside)

@@ -37,7 +37,6 @@ class Plume:
     axis: Floats
     jet: Jet
     fuel: list[Floats]
-    start_m: float
     along_m: Floats
     radius_m: Floats
     moved_m: Floats
@@ -59,7 +58,7 @@ class Plume:
         radius = _edge_m(jet, source, kinetics, along)
         moved = np.stack([np.interp(along, path[0], one) for one in path[1].T], axis=1)
         fuel = _evaporated(spec, jet, kinetics, along)
-        return cls(axis, jet, fuel, source.barrel_m(jet.rate_kg_s), along, radius, moved)
+        return cls(axis, jet, fuel, along, radius, moved)
 
     @cached_property
     def projected_m(self) -> Floats:
@@ -82,9 +81,9 @@ class Plume:
 
     def box_m(self, edge_m: float, within_m: float = np.inf) -> tuple[Floats, Floats]:
         """Corners of the box around the plume `within_m` of the nozzle, in cells of this edge."""
-        last = max(1, np.searchsorted(self.along_m, within_m - self.start_m, side="right"))
+        last = max(1, np.searchsorted(self.along_m, within_m, side="right"))
         across = self.width_m(edge_m)[:last, None] * np.sqrt(1 - self.axis**2)
-        middle = (self.start_m + self.along_m[:last, None]) * self.axis + self.moved_m[:last]
+        middle = self.along_m[:last, None] * self.axis + self.moved_m[:last]
         least, most = np.min(middle - across, axis=0), np.max(middle + across, axis=0)
         return np.minimum(least, -across[0]), np.maximum(most, across[0])
 
@@ -92,7 +91,7 @@ class Plume:
         """Distance from the nozzle up to which the plume is narrower than a radius."""
         if self.radius_m[0] >= radius_m:
             return 0.0
-        return self.start_m + float(np.interp(radius_m, self.radius_m, self.along_m))
+        return float(np.interp(radius_m, self.radius_m, self.along_m))
 
 
 def shares_of(spec: ConeSpray) -> list[float]:
@@ -175,7 +174,7 @@ def _evaporated(
     of injection.
     """
     here, late = along_m[:, None], lag(XI2)
-    trailing = SOFTNESS if droplets is None and spec.droplets is not None else TRAILING
+    trailing = SOFTNESS if droplets is None else TRAILING
     vapour = _present(spec, jet.travel_s(here), XI2, trailing)
     if droplets is None:
         return [np.ones(vapour.shape), vapour]

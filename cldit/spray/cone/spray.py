@@ -1,7 +1,5 @@
 """The `cone` spray: one quasi-steady jet per plume with evaporating droplets, added on a grid.
 
-0. Methane is under-expanded at the hole (`underexpanded_jet.py`): up to the Mach disc it has the
-   temperature and speed of the notional nozzle and entrains no gas; there the jet begins.
 1. Each plume is a jet (`jet.py`). Fuel that leaves the hole at one time travels with the mean speed
    of the jet, so that the fuel in a length ds is rate / speed ds, and the injected fuel is between
    the positions of the first and of the last fuel: after the end of injection the plume leaves the
@@ -27,14 +25,12 @@ from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import (
-    METHANE,
     HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
 )
 from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
-from cldit.spray.cone.plumes import shares_of
 from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
@@ -52,9 +48,7 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
     a vapour mass fraction of 1e-3), coldest_K, cells. With droplets: parcels,
     sauter_mean_diameter_m, liquid_penetration_m (depth below the nozzle of 97 % of the liquid).
     With evaporation: wet_bulb_K and evaporation_rate_m2_s (K of the d^2 law) in the undisturbed
-    gas, saturation_K and saturation_fuel_ratio (where no liquid remains in equilibrium). For
-    methane: mach_disc_m (distance from the hole, of the largest plume), throat_K, throat_Pa,
-    notional_K, and notional_area_ratio (of the notional nozzle to the throat).
+    gas, saturation_K and saturation_fuel_ratio (where no liquid remains in equilibrium).
 
     Raises:
         SprayError: the combination of values is impossible: pressure, flow, sizes, grid.
@@ -81,9 +75,6 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
     gone = cells.total(cells.mass_kg) - liquid
     fraction = state.evaporated * state.fuel_to_gas / (1 + state.fuel_to_gas)
     seen = (cells.cell[cells.mean(fraction, cells.mass_kg) >= 1e-3] + 0.5) * spec.lattice_m
-    notes |= source.notes
-    if source.disc > 0:
-        notes["mach_disc_m"] = source.barrel_m(max(shares_of(spec)) * rate)
     notes |= {
         "jet_speed_m_s": source.speed_m_s,
         "cells": float(len(cells.cell)),
@@ -180,7 +171,7 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     held = mass > 0
     if not held.any():
         return None
-    molar = METHANE.molar_mass_kg_mol if spec.fuel == "methane" else HEPTANE_MOLAR_MASS_kg_mol
+    molar = HEPTANE_MOLAR_MASS_kg_mol
     index = np.stack([along[held] for along in index.T]).T
     lower, upper = (np.asarray(at * spec.lattice_m, dtype=float) for at in (index, index + 1))
     return Vapour(

@@ -159,11 +159,16 @@ def check_conditions(
             f"{names[0]} {temperature_K:g} K: {fuel.name} would be {above}; allowed: "
             f"{low:.0f} to {high:.1f} K"
         )
+    check_gas(fuel, gas_K=gas_K, pressure_Pa=pressure_Pa, names=names[1:])
+
+
+def check_gas(fuel: Fuel, *, gas_K: float, pressure_Pa: float, names: tuple[str, str]) -> None:
+    """Raises SprayError if the gas is outside the tables; `names` are in its text."""
     if not 100.0 <= gas_K <= fuel.vapour.high_K:
-        raise SprayError(f"{names[1]} {gas_K:g} K; allowed: 100 to {fuel.vapour.high_K:.0f} K")
+        raise SprayError(f"{names[0]} {gas_K:g} K; allowed: 100 to {fuel.vapour.high_K:.0f} K")
     if not 1e3 <= pressure_Pa <= HIGHEST_Pa:
         raise SprayError(
-            f"{names[2]} {pressure_Pa:g} Pa; allowed: 1 kPa to {HIGHEST_Pa / 1e6:.0f} MPa, up to "
+            f"{names[1]} {pressure_Pa:g} Pa; allowed: 1 kPa to {HIGHEST_Pa / 1e6:.0f} MPa, up to "
             "which the gases are ideal within some percent"
         )
 

@@ -3,8 +3,9 @@
 Mass, fuel, enthalpy and momentum have conservation form. One projection per step corrects the mass
 fluxes of the faces such that every cell keeps the common pressure: their divergence is that of the
 last step, plus the contributions of the droplets and of the remaining error. The operator is
-separable, and is solved directly. Kinetic energy and molecular diffusion are neglected (Mach number
-below 0.3; eddies mix much faster).
+separable, and is solved directly. Molecular diffusion is neglected (eddies mix much faster), and so
+is kinetic energy (Mach number below 0.3), except in jets of gas: their enthalpy is that of gas at
+rest, and a mixture moves with its share of the momentum of the jet. Shocks are not resolved.
 
 A step is a fixed list of kernels without a read by the host. Transport is explicit and of third
 order up to a CFL number, and implicit beyond (kernels/spray: gas_transport.cl, gas_mixing.cl), so
@@ -56,6 +57,7 @@ class GasFlow:
     the grid's frame; eddy, the turbulent viscosity in m2/s; and amounts (5 planes), the sources of
     a step per volume: mass, enthalpy, momentum.
     fastest_m_s: of what drives the gas; `check` refuses a gas that is faster.
+    jet_speed_m_s: of jets of gas, whose enthalpy is that at rest; 0: there are none.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class GasFlow:
         device: Device,
         mixing_length: float = MIXING_LENGTH,
         fastest_m_s: float = 1e3,
+        jet_speed_m_s: float = 0.0,
     ) -> None:
         self.fastest_m_s = fastest_m_s
         self.grid, self.mixture, self.device = grid, mixture, device
@@ -87,6 +90,7 @@ class GasFlow:
             "common": self.sums,
             "sums": self.sums,
             "far_density": density,
+            "jet_speed": jet_speed_m_s,
             "step": 1.0,
             "part": 1.0,
             "azimuths": grid.shape[0],

@@ -59,6 +59,8 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     cone with the density of `jet.profile`. Raises SprayError if the pressure does not drive the
     mass through the holes, or if there are too many parcels.
     """
+    sizes = spec.droplets
+    assert sizes is not None, "a gas is injected by gas_jets.inject_gas"
     density = float(fuel.liquid.one("density", spec.fuel_temperature_K))
     drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
     if drop <= 0:
@@ -67,7 +69,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
             f"pressure of the gas, {spec.ambient.pressure_Pa:g}"
         )
     speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))
-    times, released = _released(spec)
+    times, released = released_share(spec)
     shares = np.array([plume.mass_fraction for plume in spec.plumes])
     shares /= shares.sum()
     top = float(np.max(np.diff(released) / np.diff(times))) * spec.injected_mass_kg
@@ -79,7 +81,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
             f"flow that the pressure drives through {len(shares)} holes of "
             f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
         )
-    typical = float(fuel.mass_kg(mean_diameter_m(spec.droplets, 3, 0), spec.fuel_temperature_K))
+    typical = float(fuel.mass_kg(mean_diameter_m(sizes, 3, 0), spec.fuel_temperature_K))
     wanted = spec.injected_mass_kg / (typical * spec.droplets_per_parcel)
     if wanted > MOST_PARCELS:
         least = spec.droplets_per_parcel * wanted / MOST_PARCELS
@@ -99,7 +101,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     order = np.argsort(time, kind="stable")
     time, hole = time[order], hole[order]
     even = _even(hole, len(shares), np.random.default_rng(spec.seed))
-    diameter = quantile_m(spec.droplets, even[2], by="mass")
+    diameter = quantile_m(sizes, even[2], by="mass")
     if not diameter.max(initial=0.0) <= LARGEST_M:
         raise SprayError(
             f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: up to "
@@ -131,7 +133,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     )
 
 
-def _released(spec: LagrangianSpray) -> tuple[Floats, Floats]:
+def released_share(spec: LagrangianSpray) -> tuple[Floats, Floats]:
     """Times (M,), and the share of the fuel that is injected until then."""
     if spec.rate.table is not None:
         at, flow = np.array(spec.rate.table, dtype=float).T

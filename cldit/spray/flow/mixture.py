@@ -10,7 +10,7 @@ from cldit.arrays import Floats
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
-_LOW_K, _HIGH_K = 150.0, 1200.0
+LOWEST_K, _HIGH_K = 150.0, 1200.0  # of the polynomials
 _DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K
 _SCALE_K = 1000.0
 _NEWTON_STEPS = 6  # quadratic convergence from anywhere in the range
@@ -57,7 +57,7 @@ class GasMixture:
 
 def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
     """Mixture of `fuel` vapour and `carrier`, fitted to their tables."""
-    low = max(_LOW_K, fuel.vapour.low_K, carrier.vapour.low_K)
+    low = max(LOWEST_K, fuel.vapour.low_K, carrier.vapour.low_K)
     t = np.linspace(low, min(_HIGH_K, fuel.vapour.high_K, carrier.vapour.high_K), 400)
     x = (t - reference_K) / _SCALE_K
     powers = np.stack([x ** (n + 1) for n in range(_DEGREE)], axis=1)

@@ -78,6 +78,7 @@ class Cloud:
         self.born, self.number = 0, 0
         each_kg = fuel.mass_kg(injection.diameter_m, np.full(count, spec.fuel_temperature_K))
         state = np.zeros((8, self.capacity), np.float32)
+        self._each_kg = each_kg
         state[0, :count], state[1] = each_kg, spec.fuel_temperature_K
         state[2:5, :count], state[5:8, :count] = injection.velocity_m_s.T, injection.position_m.T
         droplets = np.zeros(self.capacity, np.float32)
@@ -195,8 +196,11 @@ class Cloud:
         fields.write(plane, half[:, :, None] * radius**2)
         return plane
 
-    def step(self, step_s: float) -> None:
-        """Moves the parcels that were born, and sets the sources of the gas, `flow.amounts`."""
+    def step(self, step_s: float) -> bool:
+        """Moves the parcels that were born, and sets the sources of the gas, `flow.amounts`; False
+        if there are none, so that the gas is at rest."""
+        if not self.born:
+            return False
         fields = self.flow.fields
         size = (-(-self.born // (self._width * _GROUP)) * _GROUP,)
         clear(self.device, self._sums, _EXCHANGED * fields.cells, np.int64)
@@ -208,6 +212,7 @@ class Cloud:
         for launch in self._given:
             launch()
         self.number += 1
+        return True
 
     def give_birth(self, time_s: float) -> None:
         """Adds the parcels that left their holes before the time."""
@@ -239,6 +244,11 @@ class Cloud:
             velocity_m_s=state[2:5, flying].T.copy(),
             position_m=state[5:8, flying].T.copy(),
         )
+
+    @property
+    def injected_kg(self) -> float:
+        """Fuel that has left the holes."""
+        return float(self._each_kg[: self.born] @ self._injection.droplets[: self.born])
 
     @property
     def wall_kg(self) -> float:

@@ -54,18 +54,22 @@ def ray_grid(spec: LagrangianSpray, injection: Injection, *, gas_kg_mol: float) 
     """
     h = spec.box.cell_m / SPACING_AT_m
     axes = np.array([plume_axis(each) for each in spec.plumes])
-    kind = symmetry(spec.plumes)
+    kind, first = symmetry(spec.plumes), axes[0]
+    if spec.droplets is None and kind == 1:  # jets on the axis of equal ones
+        aside = tuple(each for each in spec.plumes if each.inclination_deg > 0)
+        kind, first = symmetry(aside) or 1, plume_axis(aside[0])
     reach_m, far_m = _reach_m(spec, injection, gas_kg_mol)
     if kind == 0:
         return round_grid(axes[0], spacing_m=spec.box.cell_m, reach_m=reach_m, far_m=far_m)
     radius = _radii(h, reach_m, far_m)
     if kind > 1:
         down = np.array([0.0, 0.0, -1.0])
-        lean = float(np.arccos(axes[0] @ down))
-        polar = _fine(max(lean - _BESIDE, 0.0), lean + _BESIDE, h, 0.0, max(_BEHIND, lean + 0.4))
+        lean = float(np.arccos(first @ down))
+        low = max(lean - _BESIDE, 0.0) if kind == len(axes) else 0.0
+        polar = _fine(low, lean + _BESIDE, h, 0.0, max(_BEHIND, lean + 0.4))
         count = max(_FEWEST, int(np.ceil(np.pi / kind * np.sin(lean) / h)))
         azimuth = np.linspace(0.0, np.pi / kind, count + 1)
-        return _checked(RayGrid(_frame(down, axes[0]), radius, polar, azimuth, kind), spec)
+        return _checked(RayGrid(_frame(down, first), radius, polar, azimuth, kind), spec)
     down = np.array([0.0, 0.0, -1.0])
     leans = np.arccos(np.clip(axes @ down, -1.0, 1.0))
     if leans.min() >= _LEAST_LEAN:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
+from cldit.spray.droplet.fluids import Fuel, check_conditions, check_gas, fuel_table, gas_table
 from cldit.spray.flow.gas import GasFlow, UnstableGas
+from cldit.spray.flow.gas_jets import GasJets, inject_gas
 from cldit.spray.flow.injector import inject, plume_axis
 from cldit.spray.flow.measures import VAPOUR_SHARE, History, measures
 from cldit.spray.flow.mixture import gas_mixture
@@ -29,6 +30,7 @@ LONGEST_STEP_S = 2e-5
 _RECORDS = 100
 CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
 _FEWEST_GAS_STEPS = 2  # near the tip cells are shorter, and the gas's divergence is a step late
+_FEWEST_JET_STEPS = 3  # a source of gas, `REACH_m` long, moves by a third of it
 MOST_GAS_STEPS = 32  # of a step of the parcels
 SLACK = 1.5  # of the speed of the gas over that of the liquid; a lump of parcels overshoots
 _CHECKED = 16  # steps between two looks at the state
@@ -119,7 +121,10 @@ class _State:
         ambient = spec.ambient
         _check(spec, self.fuel)
         self.axes = np.array([plume_axis(plume) for plume in spec.plumes])
-        self.injection = inject(spec, self.fuel)
+        if spec.droplets is None:
+            self.injection, jet = inject_gas(spec, self.fuel)
+        else:
+            self.injection, jet = inject(spec, self.fuel), None
         self.flow = GasFlow(
             ray_grid(spec, self.injection, gas_kg_mol=carrier.molar_mass_kg_mol),
             gas_mixture(self.fuel, carrier, reference_K=ambient.temperature_K),
@@ -128,11 +133,17 @@ class _State:
             device=device,
             mixing_length=spec.mixing_length,
             fastest_m_s=SLACK * self.injection.speed_m_s,
+            jet_speed_m_s=0.0 if jet is None else jet.speed_m_s,
         )
-        self.cloud = Cloud(spec, self.injection, self.flow, fuel=self.fuel, carrier=carrier)
+        self.cloud: Cloud | GasJets
+        if jet is None:
+            self.cloud = Cloud(spec, self.injection, self.flow, fuel=self.fuel, carrier=carrier)
+        else:
+            self.cloud = GasJets(spec, self.injection, jet, self.flow)
         # A gas step takes no parcel farther than a cell where cells have the scene's spacing.
         steps = math.ceil(CELLS_A_STEP * REACH_m / spec.box.cell_m)
-        self.gas_steps = gas_steps or max(_FEWEST_GAS_STEPS, steps)
+        fewest = _FEWEST_GAS_STEPS if jet is None else _FEWEST_JET_STEPS
+        self.gas_steps = gas_steps or max(fewest, steps)
         self.time_s, self.steps, self._fastest_m_s = 0.0, 0, self.injection.speed_m_s
         self.rows: list[tuple[float, ...]] = []
 
@@ -162,8 +173,7 @@ class _State:
 
     def step(self, step_s: float) -> None:
         """Advances parcels and gas."""
-        if self.cloud.born:
-            self.cloud.step(step_s)
+        if self.cloud.step(step_s):
             self.flow.step(step_s, steps=self.gas_steps)
         self.time_s, self.steps = self.time_s + step_s, self.steps + 1
         self.cloud.give_birth(self.time_s)
@@ -178,16 +188,7 @@ class _State:
         if self.rows and self.rows[-1][0] == self.time_s:
             return
         measured = measures(self.cloud.read(), self.flow, self.fuel, self.axes)
-        self.rows.append((self.time_s, self.injected_kg, *measured))
-
-    @property
-    def injected_kg(self) -> float:
-        """Fuel that has left the holes."""
-        injection, born = self.injection, self.cloud.born
-        hot = np.full(born, self.spec.fuel_temperature_K)
-        return float(
-            self.fuel.mass_kg(injection.diameter_m[:born], hot) @ injection.droplets[:born]
-        )
+        self.rows.append((self.time_s, self.cloud.injected_kg, *measured))
 
     def result(self) -> Result:
         """The spray, its history, and the gas."""
@@ -197,7 +198,7 @@ class _State:
         spec, flow, fuel = self.spec, self.flow, self.fuel
         cloud = self.cloud.read()
         history = History(*np.array(self.rows).T)
-        injected, wall_kg = self.injected_kg, self.cloud.wall_kg
+        injected, wall_kg = self.cloud.injected_kg, self.cloud.wall_kg
         notes = {
             "injected_mass_kg": injected,
             "liquid_mass_kg": float(cloud.liquid_kg.sum()),
@@ -245,16 +246,13 @@ class _State:
 def _check(spec: LagrangianSpray, fuel: Fuel) -> None:
     ambient, hot_K = spec.ambient, spec.fuel_temperature_K
     ambient_key = "spray.ambient."
+    names = f"{ambient_key}temperature_K", f"{ambient_key}pressure_Pa"
+    around = {"gas_K": ambient.temperature_K, "pressure_Pa": ambient.pressure_Pa}
+    if spec.droplets is None:
+        check_gas(fuel, **around, names=names)
+        return
     check_conditions(
-        fuel,
-        temperature_K=hot_K,
-        gas_K=ambient.temperature_K,
-        pressure_Pa=ambient.pressure_Pa,
-        names=(
-            "spray.fuel_temperature_K",
-            f"{ambient_key}temperature_K",
-            f"{ambient_key}pressure_Pa",
-        ),
+        fuel, temperature_K=hot_K, **around, names=("spray.fuel_temperature_K", *names)
     )
     boiling_K = float(fuel.boiling_K(ambient.pressure_Pa))
     if spec.evaporation != "none" and hot_K >= boiling_K:

@@ -18,7 +18,7 @@ from cldit.scene import load_scene
 def test_each_wavelength_shows_the_pixels_of_the_filter(device: Device, tmp_path: Path) -> None:
     """Lines of methane absorb a hundredfold: the faintest reach 0.05 in half of the pixels."""
     scene = load_scene("methane-jet").with_(
-        **{"camera.pixels": [60, 60], "spray.spacing_m": 2e-3, "optics.wavelengths": 4}
+        **{"camera.pixels": [60, 60], "spray.box.spacing_m": 2e-3, "optics.wavelengths": 4}
     )
     prepared = prepare(scene, device, Stages(print), tmp_path)
     each, filtered = previewed(scene, device, prepared)

@@ -7,7 +7,6 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
-    METHANE,
     NITROGEN,
     GAS_CONSTANT_J_mol_K,
     HEPTANE_MOLAR_MASS_kg_mol,
@@ -21,9 +20,7 @@ from cldit.spray.cone.mixing import (
     heptane_mixture,
     heptane_state,
     lagging_state,
-    methane_mixture,
 )
-from cldit.spray.cone.underexpanded_jet import expand
 from cldit.spray.cone.wet_bulb import still
 from cldit.spray.droplet.arrays import DropletKernels
 
@@ -176,70 +173,6 @@ def test_without_evaporation_all_stays_liquid() -> None:
 def test_supercritical_gas_is_refused(kernels: DropletKernels) -> None:
     with pytest.raises(SprayError, match=r"ambient.pressure_Pa: 3e\+06 is above the critical"):
         heptane_mixture(kernels, pressure_Pa=3e6, gas_K=570.0, fuel_K=370.0)
-
-
-def test_methane_expansion_against_constant_heat_capacity() -> None:
-    """Choked flow of gamma = 1.3: p0/sqrt(R T0) sqrt(g) (2/(g+1))^((g+1)/(2(g-1))), to 1 %."""
-    jet = expand(stagnation_Pa=15e6, stagnation_K=300.0, pressure_Pa=8e6)
-    g = 1.302  # cp/cv at 285 K, halfway to the throat
-    gas = METHANE.gas_constant_J_kg_K
-    flux = 15e6 / np.sqrt(gas * 300.0) * np.sqrt(g) * (2 / (g + 1)) ** ((g + 1) / (2 * (g - 1)))
-    assert jet.flux_kg_m2_s == pytest.approx(flux, rel=0.01)
-    # 8 MPa is all but the throat's pressure, so that hardly anything is left to expand.
-    assert jet.temperature_K == pytest.approx(300.0 * (8 / 15) ** ((g - 1) / g), rel=0.01)
-    assert jet.area == pytest.approx(1.0, rel=0.02)
-
-
-def test_without_choking_the_jet_is_the_isentropic_one() -> None:
-    jet = expand(stagnation_Pa=1.2e6, stagnation_K=300.0, pressure_Pa=1e6)
-    assert jet.disc == 0.0
-    assert jet.area == pytest.approx(1.0, rel=1e-9)
-    assert jet.temperature_K == pytest.approx(jet.throat_K, rel=1e-9)
-    assert jet.temperature_K == pytest.approx(300.0 * (1 / 1.2) ** (0.302 / 1.302), rel=0.005)
-
-
-@pytest.mark.parametrize("ratio", [10.0, 37.5, 150.0])
-def test_the_notional_nozzle_keeps_mass_thrust_and_energy(ratio: float) -> None:
-    low = 0.4e6
-    jet = expand(stagnation_Pa=ratio * low, stagnation_K=370.0, pressure_Pa=low)
-    # For each square metre of the throat: what a balance hung on the nozzle would read.
-    thrust = jet.flux_kg_m2_s * jet.throat_m_s + jet.throat_Pa - low
-    assert jet.density_kg_m3 * jet.area * jet.speed_m_s**2 == pytest.approx(thrust, rel=1e-9)
-    assert jet.density_kg_m3 * jet.area * jet.speed_m_s == pytest.approx(jet.flux_kg_m2_s, rel=1e-9)
-    drop = METHANE.enthalpy_J_kg(370.0) - METHANE.enthalpy_J_kg(jet.temperature_K)
-    assert 0.5 * jet.speed_m_s**2 == pytest.approx(float(drop), rel=1e-9)
-    # Slower, and so warmer, than an expansion without shocks.
-    assert 370.0 * ratio ** (-0.3 / 1.3) < jet.temperature_K < jet.throat_K
-
-
-@pytest.mark.parametrize("ratio", [37.5, 150.0, 1000.0])
-def test_the_mach_disc_stands_where_a_shock_reaches_the_outer_pressure(ratio: float) -> None:
-    """Independent of the correlation: the Mach number on the axis of a free jet (Ashkenas and
-    Sherman, gamma = 9/7, all but methane's) and a normal shock there. To 35 % in pressure, which is
-    15 % in distance: behind the shock it falls with the square of the distance."""
-    jet = expand(stagnation_Pa=ratio * 1e5, stagnation_K=370.0, pressure_Pa=1e5)
-    g = 9 / 7
-    reach = 3.96 * (jet.disc - 0.85) ** (g - 1)
-    mach = reach - 0.5 * (g + 1) / (g - 1) / reach
-    before = (1 + (g - 1) / 2 * mach**2) ** (-g / (g - 1))
-    after = before * (1 + 2 * g / (g + 1) * (mach**2 - 1))
-    assert after * ratio == pytest.approx(1.0, rel=0.35)
-    # The published 0.67 sqrt(p0/p), and x_M/D = 6.7 at a ratio of 100.
-    assert jet.disc == pytest.approx(6.7 * np.sqrt(ratio / 100), rel=1e-12)
-
-
-def test_methane_keeps_energy_with_its_motion() -> None:
-    jet = expand(stagnation_Pa=15e6, stagnation_K=370.0, pressure_Pa=0.4e6)
-    assert jet.temperature_K < 230.0
-    table = methane_mixture(pressure_Pa=0.4e6, gas_K=520.0, fuel_K=370.0, speed_m_s=jet.speed_m_s)
-    assert table.gas_K[0, -1] == pytest.approx(jet.temperature_K, abs=0.01)
-    assert table.gas_K[0, 0] == pytest.approx(520.0, abs=1e-3)
-    z = table.fuel_to_gas / (1 + table.fuel_to_gas)
-    static = z * METHANE.enthalpy_J_kg(table.gas_K[0])
-    static += (1 - z) * NITROGEN.enthalpy_J_kg(table.gas_K[0])
-    supply = z * METHANE.enthalpy_J_kg(370.0) + (1 - z) * NITROGEN.enthalpy_J_kg(520.0)
-    assert np.max(np.abs(static + 0.5 * (z * jet.speed_m_s) ** 2 - supply)) < 1e-3  # of 1e6 J/kg
-    assert np.all(np.diff(table.fuel_kg_m3, axis=1) > 0)
 
 
 def test_many_states_are_those_of_each_alone(hot: Mixture) -> None:

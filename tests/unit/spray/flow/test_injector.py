@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
+from cldit.scene.sizes import NukiyamaTanasawa
 from cldit.scene.spray import InjectionRate, LagrangianSpray, Plume
 from cldit.spray.droplet.fluids import Fuel, fuel_table
 from cldit.spray.flow.injector import Injection, inject
@@ -28,7 +29,10 @@ def test_mass_shares_and_sizes() -> None:
         Plume(inclination_deg=10, azimuth_deg=0, mass_fraction=3),
         Plume(inclination_deg=40, azimuth_deg=180, mass_fraction=1),
     )
-    spec = LagrangianSpray(injected_mass_kg=2e-6, plumes=plumes, droplets_per_parcel=1e3)
+    sizes = NukiyamaTanasawa()
+    spec = LagrangianSpray(
+        injected_mass_kg=2e-6, plumes=plumes, droplets_per_parcel=1e3, droplets=sizes
+    )
     found = inject(spec, heptane())
     assert mass(found).sum() == pytest.approx(2e-6, rel=1e-12)
     assert mass(found)[found.hole == 0].sum() == pytest.approx(1.5e-6, rel=1e-12)
@@ -36,9 +40,9 @@ def test_mass_shares_and_sizes() -> None:
     sauter = np.sum(found.droplets * found.diameter_m**3) / np.sum(
         found.droplets * found.diameter_m**2
     )
-    assert sauter == pytest.approx(mean_diameter_m(spec.droplets, 3, 2), rel=2e-3)
+    assert sauter == pytest.approx(mean_diameter_m(sizes, 3, 2), rel=2e-3)
     # All are of one mass, that of `droplets_per_parcel` droplets of mean mass.
-    typical = heptane().mass_kg(mean_diameter_m(spec.droplets, 3, 0), 370.0)
+    typical = heptane().mass_kg(mean_diameter_m(sizes, 3, 0), 370.0)
     np.testing.assert_allclose(mass(found), 1e3 * typical, rtol=1e-3)
     # Bernoulli: 0.9 sqrt(2 dp / rho).
     density = float(heptane().liquid.one("density", 370.0))
