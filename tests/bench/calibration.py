@@ -1,7 +1,7 @@
 """Probabilities of a run against its own recordings: as often small as they should be.
 
 python -m tests.bench calibration methane-jet --seeds 100
-python -m tests.bench calibration gdi --members 12 --seeds 20
+python -m tests.bench calibration gdi-cone --members 12 --seeds 20
 
 With members, 2 N injections are traced; in each trial N of them, drawn at random, are recorded, and
 compared with the mean of the others, and with the mean of N of a heavier spray.
@@ -29,7 +29,7 @@ SENSOR = {"camera.sensor.pixels": [160, 128], "camera.pixels": [128, 128]}
 def main() -> None:
     """Traces a scene once, records it with many seeds, and prints a line for each region."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scene", nargs="?", default="gdi")
+    parser.add_argument("scene", nargs="?", default="gdi-cone")
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--members", type=int, default=1, help="injections that differ")
     given = parser.parse_args()

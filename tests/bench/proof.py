@@ -115,7 +115,7 @@ def experiment() -> Record:
     """One simulated acquisition from trace to evaluated maps."""
     import cldit
 
-    data = cldit.load_scene("gdi").model_dump(mode="json")
+    data = cldit.load_scene("gdi-cone").model_dump(mode="json")
     data["camera"]["pixels"] = [PIXELS, PIXELS]
     data["transport"]["accuracy_K"] = 4.0
     with tempfile.TemporaryDirectory() as place:

@@ -36,7 +36,7 @@ class RayFields:
         self._programs: dict[str, Program] = {}
 
     def places(self) -> dict[str, Any]:
-        """Arguments of kernels that find the cells around a position (kernels/spray/ray_place.h)."""
+        """Arguments of kernels that find the cells around a position, see ray_place.h."""
         grid = self.grid
         turns = 2 * np.pi / max(grid.symmetry, 1) * np.arange(max(grid.symmetry, 1))
         turned = np.stack([np.cos(turns), np.sin(turns)], axis=1)

@@ -25,7 +25,7 @@ from cldit.scene.spray import ConeSpray
 NOTHING: Any = None
 
 
-def scene_of(name: str = "gdi", **sections: dict[str, Any]) -> Scene:
+def scene_of(name: str = "gdi-cone", **sections: dict[str, Any]) -> Scene:
     """A shipped scene with one ray a pixel."""
     data = load_scene(name).model_dump(mode="json")
     data["camera"]["rays_per_pixel"] = 1

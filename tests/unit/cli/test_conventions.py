@@ -197,7 +197,7 @@ def test_no_color() -> None:
     ("line", "expected"),
     [
         ("cldit sc", {"scenes"}),
-        ("cldit run gdi-", {"gdi-cold", "gdi-flow"}),
+        ("cldit run gdi-", {"gdi-cold", "gdi-cone"}),
         ("cldit diff --re", {"--resample"}),
         ("cldit bench --budget-scene even", {"even-grid"}),
     ],

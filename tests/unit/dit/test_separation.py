@@ -131,13 +131,13 @@ def test_one_background_is_refused(tiny_scene: Scene) -> None:
     [("camera.field_m", [0.1, 0.1], "camera: differs"), ("walls.temperature_K", 400.0, "walls")],
 )
 def test_other_views_are_refused(key: str, value: object, message: str) -> None:
-    gdi = load_scene("gdi")
+    gdi = load_scene("gdi-cone")
     with pytest.raises(EvaluationError, match=message):
         check_rivals(gdi, gdi.with_(**{key: value}))
 
 
 def test_exposure_and_lens_are_part_of_a_model() -> None:
-    gdi = load_scene("gdi")
+    gdi = load_scene("gdi-cone")
     exposed = {"camera.exposure": "times", "camera.sensor.integration_time_s": 1e-4}
     check_rivals(gdi, gdi.with_(**exposed, **{"camera.lens": {"f_number": 2.5}}))
 

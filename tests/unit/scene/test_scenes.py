@@ -15,7 +15,7 @@ from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scen
 from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 from cldit.scene.spray import ConeSpray
 
-SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi-flow", "gdi", "methane-jet")
+SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi-cone", "gdi", "methane-jet")
 
 
 def _scene(**sections: Any) -> Scene:
