@@ -247,6 +247,19 @@ def test_a_lattice_for_what_the_cells_leave() -> None:
     assert before.beside_cells(scene, 1.1, known) is before  # cells leave nothing
 
 
+def test_gas_is_halved_so_that_coarser_sprays_are_those_of_before() -> None:
+    """The error of 0.4 mm needs the sprays on 0.8 and 1.6 mm, which 0.8 mm had; below 0.35 mm a run
+    chooses nothing, so 0.64 mm is not refined."""
+    scene = load_scene("gdi").with_(**{"transport.accuracy_K": 5.0})
+    start = Resolution.first(scene, ordinates_K=5.0, spectral_K=1.0)
+    assert start.gas_m == 0.8e-3 and "gas grid" not in start.limits
+    finer = BY_NAME["gas grid"].finer(start, share_K=3.0, ratio=1.2, order=1.0)
+    assert finer.gas_m is not None and 2 * finer.gas_m == start.gas_m
+    assert "below 0.35 mm" in finer.limits["gas grid"]
+    shipped = Resolution.first(load_scene("gdi"), ordinates_K=4.0, spectral_K=1.0)
+    assert shipped.gas_m == 0.64e-3 and "gas grid" in shipped.limits
+
+
 def test_what_is_small_enough_is_left_alone() -> None:
     scene = scene_of()
     small = {"cells": 0.8, "trace": 0.6, "pixel sampling": 0.2}  # 1.02, printed as 1

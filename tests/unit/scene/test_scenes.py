@@ -195,6 +195,7 @@ def test_name_and_spray_are_needed() -> None:
 
 
 def test_unknown_scene_names_what_there_is() -> None:
+    assert load_scene("gdi-flow") == load_scene("gdi")  # its former name
     with pytest.raises(SceneError, match=r"gdi-colt: no such scene; did you mean gdi-cold\?"):
         load_scene("gdi-colt")
     with pytest.raises(SceneError, match=r"no such scene.*allowed: droplets-only, empty, gdi"):
