@@ -47,7 +47,7 @@ from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
 from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s
-from cldit.scene.load import short_changes, shipped_scenes
+from cldit.scene.load import shipped_scenes, short_changes
 from cldit.scene.scatter import members_of
 from cldit.show.figures.readable import human_figures
 
