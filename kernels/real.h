@@ -8,11 +8,13 @@ typedef double real;
 typedef double3 real3;
 typedef double2 real2;
 typedef double4 real4;
+typedef double8 real8;
 #else
 typedef float real;
 typedef float3 real3;
 typedef float2 real2;
 typedef float4 real4;
+typedef float8 real8;
 #endif
 #define R(x) ((real)(x))
 

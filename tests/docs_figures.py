@@ -34,7 +34,7 @@ def _gdi(work: Path) -> None:
 
 def _times(work: Path) -> None:
     times = "0.2ms,0.4ms,0.6ms,0.8ms,0.95ms"
-    _cldit("run", "gdi", "--quick", "--times", times, "--out", work)
+    _cldit("run", "gdi-cone", "--quick", "--times", times, "--out", work)
     copyfile(work / "film.gif", DOCS / "gdi-times.gif")
 
 
@@ -44,17 +44,17 @@ def _methane(work: Path) -> None:
 
 
 def _wavelengths(work: Path) -> None:
-    _cldit("run", "gdi", "--preset", "spectral", "--out", work)
+    _cldit("run", "gdi-cone", "--preset", "spectral", "--out", work)
     copyfile(work / "pictures" / "wavelengths.png", DOCS / "wavelengths.png")
 
 
 def _plan(work: Path) -> None:
-    _cldit("plan", "gdi", "--error", "2K", "--out", work)
+    _cldit("plan", "gdi-cone", "--error", "2K", "--out", work)
     copyfile(work / "design.png", DOCS / "plan-gdi.png")
 
 
 def _flow(work: Path) -> None:
-    _cldit("spray", "gdi-flow", "--out", work)
+    _cldit("spray", "gdi", "--out", work)
     copyfile(work / "views.png", DOCS / "gdi-flow.png")
 
 
@@ -62,7 +62,7 @@ def _compare(work: Path) -> None:
     runs = {"all orders": (), "order 1": ("--order", "1")}
     for name, words in runs.items():
         sizes = ("--pixels", "200", "--accuracy", "4")
-        _cldit("run", "gdi", *sizes, "--trace-only", *words, "--out", work / name)
+        _cldit("run", "gdi-cone", *sizes, "--trace-only", *words, "--out", work / name)
     found = cldit.compare(*(work / name for name in runs)).differences[0]
     write_figure(comparison_figure(found), DOCS / "compare.png")
 

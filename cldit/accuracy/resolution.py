@@ -15,8 +15,8 @@ _FIRST_LATTICE_m = 1e-3
 # their limits: half the cells take 3 to 12 times as long.
 _GAS_PER_K, _FINEST_GAS_m, _COARSEST_GAS_m = 0.16e-3, 0.35e-3, 2e-3
 _FINEST_GAS = (
-    f"a run chooses no gas cells below {1e3 * _FINEST_GAS_m:g} mm by itself, for the spray alone "
-    "then takes minutes; allowed: a smaller spray.box.spacing_m"
+    f"half of the gas's cells are below {1e3 * _FINEST_GAS_m:g} mm, which a run does not choose by "
+    "itself, for the spray alone then takes minutes; allowed: a smaller spray.box.spacing_m"
 )
 
 
@@ -56,7 +56,8 @@ class Resolution:
         if lattice_is_cells(scene):  # a first lattice, to learn from
             cube_m, spacing_m = edge_m, _FIRST_LATTICE_m
         first = cls(ordinates_K, spectral_K, classes, spacing_m, edge_m, cube_m=cube_m)
-        return first.with_gas(_GAS_PER_K * ordinates_K) if gas_is_free(scene) else first
+        gas_m = float(f"{_GAS_PER_K * ordinates_K:.2g}")
+        return first.with_gas(gas_m) if gas_is_free(scene) else first
 
     @property
     def prepared_key(self) -> tuple[Any, ...]:
@@ -94,8 +95,8 @@ class Resolution:
 
     def with_gas(self, gas_m: float) -> Resolution:
         """Cells of a computed gas, within the limits of what a run chooses by itself."""
-        gas_m = float(f"{min(max(gas_m, _FINEST_GAS_m), _COARSEST_GAS_m):.2g}")
-        limit = _FINEST_GAS if gas_m == _FINEST_GAS_m else ""
+        gas_m = min(max(gas_m, _FINEST_GAS_m), _COARSEST_GAS_m)
+        limit = _FINEST_GAS if gas_m < 2 * _FINEST_GAS_m else ""
         return replace(self, gas_m=gas_m).limited("gas grid", limit)
 
     def limited(self, source: str, why: str) -> Resolution:

@@ -2,7 +2,7 @@
 
 ASKED_K = (4.0, 2.0, 1.0)  # default tolerances of a run
 BUDGET_SCENES = (  # with a reference
-    "gdi",
+    "gdi-cone",
     "gdi-flow",
     "droplets-only",
     "methane-jet",

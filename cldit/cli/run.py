@@ -47,7 +47,7 @@ from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
 from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s
-from cldit.scene.load import short_changes
+from cldit.scene.load import shipped_scenes, short_changes
 from cldit.scene.scatter import members_of
 from cldit.show.figures.readable import human_figures
 
@@ -296,6 +296,8 @@ def _changed(
         data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), **keys}
         data["name"] = f"{scene.name}-{cfd.resolve().name}"
         data["description"] = f"the spray of {cfd.name} in the rig of {scene.name}"
+        if scene.name in shipped_scenes():
+            del data["transport"]["accuracy_K"]  # what its own spray allows
     else:
         data["spray"].update(keys)
     if preset is not None:

@@ -13,6 +13,7 @@ from cldit.scene.checks import shortened
 from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
+_FORMER = {"gdi-flow": "gdi"}  # names of shipped scenes in older versions
 _QUICK_PIXELS = 128  # along the longer side
 _QUICK_K = 4.0
 
@@ -91,6 +92,7 @@ def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
         return parse_scene(data, source=str(path), folder=path.parent)
     name = shortened(str(name_or_path))
     known = shipped_scenes()
+    name = _FORMER.get(name, name)
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""

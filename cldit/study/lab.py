@@ -15,7 +15,7 @@ from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
 
-# Injector of `gdi` with a computed spray, in the conditions of the paper's Figs. 9 to 13, open for
+# Injector of `gdi`, in the conditions of the paper's Figs. 9 to 13, open for
 # 1.5 ms: the paper's spray still hangs on it at 0.95 ms. The field is the part of the paper's 16 cm
 # with spray, at its 0.16 mm per pixel.
 _OPEN_s = 1.5e-3
@@ -52,7 +52,7 @@ _QUICK_SPRAY: dict[str, Any] = {
 def open_for(duration_s: float) -> dict[str, float]:
     """Values of `gdi` with an injection of another duration at the same rate."""
     spray = load_scene("gdi").spray
-    assert isinstance(spray, ConeSpray)
+    assert isinstance(spray, LagrangianSpray)
     return {
         "spray.injection_duration_s": duration_s,
         "spray.injected_mass_kg": spray.injected_mass_kg / spray.injection_duration_s * duration_s,
@@ -80,15 +80,11 @@ class Lab:
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Gasoline spray of the paper, called `name`, with some `values` changed (dotted keys)."""
         base = load_scene("gdi")
-        assert isinstance(base.spray, ConeSpray)
-        spray = {
-            "model": "lagrangian",
-            "plumes": base.spray.model_dump(include={"plumes"})["plumes"],
-        }
         fixed = {
             "name": name,
             "description": "",
-            "spray": {**spray, "droplets_per_parcel": _PARCELS, "seed": self.seed},
+            "spray.droplets_per_parcel": _PARCELS,
+            "spray.seed": self.seed,
             "walls.temperature_K": _WALLS_K,
             **open_for(_OPEN_s),
             **_COMPARED,

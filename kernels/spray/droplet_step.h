@@ -159,7 +159,7 @@ INLINE DropletStep droplet_step(
     const lane_i gone = s_end <= R(NOTHING);
     lane_t error = magnitude(more) * time;
     error = gone ? error : upper(error, magnitude(shift) * R(1 / TEMPERATURE_SCALE));
-    time = gone & (shrink * time > R(1)) ? R(1) / shrink : time;
+    time = (gone & (shrink * time > R(1))) ? R(1) / shrink : time;
     if (drag) {
         const lane_t whole = gone ? (lane_t)R(FOREVER) : theta_of(shrink, time);
         const lane_t better = slip_ratio(
@@ -220,7 +220,7 @@ INLINE Advanced advance_droplet(
         const lane_t wished = step.error < R(LARGEST)
             ? limited(R(0.9) / sqrt(upper(error, (lane_t)R(1e-20))), (lane_t)R(0.2), (lane_t)R(4)) : (lane_t)R(0.2);
         /* A step limited by the end of the duration does not reduce the next one. */
-        trial = good & (asked < trial) ? upper(trial, wished * step.time) : wished * step.time;
+        trial = (good & (asked < trial)) ? upper(trial, wished * step.time) : wished * step.time;
         active &= !gone & (left > R(ROUND_OFF) * duration) & (out.rounds < R(MOST_ROUNDS));
     }
     out.failed = (out.droplet.mass > R(0)) & (left > R(ROUND_OFF) * duration);

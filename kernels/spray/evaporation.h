@@ -138,8 +138,8 @@ INLINE Rates frolov_type(__global const real *fuel, FarGas gas, Drop drop, Film 
         rates.mass = open ? here.mass : rates.mass;
         rates.heat = open ? here.heat : rates.heat;
         const lane_t value = at - inside - here.heat * per_heat;
-        low = open & (value < R(0)) ? at : low;
-        high = open & (value >= R(0)) ? at : high;
+        low = (open & (value < R(0))) ? at : low;
+        high = (open & (value >= R(0))) ? at : high;
         const lane_t change = value - value_before;
         const lane_t step = at - before;
         const lane_t rise = (change == R(0) ? (lane_t)R(1) : change) / (step == R(0) ? (lane_t)R(1) : step);
@@ -149,7 +149,7 @@ INLINE Rates frolov_type(__global const real *fuel, FarGas gas, Drop drop, Film 
         const lane_t target = at - move;
         before = open ? at : before;
         value_before = open ? value : value_before;
-        const lane_t next = (low < target) & (target < high) ? target : R(0.5) * (low + high);
+        const lane_t next = ((low < target) & (target < high)) ? target : R(0.5) * (low + high);
         at = open ? next : at;
     }
     return rates;

@@ -21,10 +21,28 @@
 #define HEAT 4 /* and with the temperature */
 #define VAPOUR 6 /* and with the mass fraction at the surface */
 
-#define GAS_ARGUMENTS \
-    __global const GAS_REAL *restrict density, __global const GAS_REAL *restrict fuel, \
-    __global const GAS_REAL *restrict temperature, __global const GAS_REAL *restrict velocity, \
-    __global const GAS_REAL *restrict common, const int cells
+/* Each cell's gas and sums in one place, for a parcel reads those of eight cells: density, density of vapour,
+   temperature, velocity, viscosity of the eddies, nothing; and the planes of `add_exchange` per volume. */
+__kernel void pack_gas(
+    __global const GAS_REAL *restrict density, __global const GAS_REAL *restrict fuel,
+    __global const GAS_REAL *restrict temperature, __global const GAS_REAL *restrict velocity,
+    __global const GAS_REAL *restrict eddy, __global real8 *restrict packed_gas, const int cells)
+{
+    const int c = get_global_id(0);
+    if (c >= cells) return;
+    packed_gas[c] = (real8)((real)density[c], (real)fuel[c], (real)temperature[c], (real)velocity[c],
+        (real)velocity[cells + c], (real)velocity[2 * cells + c], (real)eddy[c], R(0));
+}
+
+__kernel void pack_exchange(
+    __global const GAS_REAL *restrict exchange, __global real8 *restrict packed_exchange, const int cells)
+{
+    const int c = get_global_id(0);
+    if (c >= cells) return;
+    __global const GAS_REAL *e = exchange + c;
+    packed_exchange[c] = (real8)((real)e[0], (real)e[cells], (real)e[2 * cells], (real)e[3 * cells],
+        (real)e[4 * cells], (real)e[5 * cells], (real)e[6 * cells], (real)e[7 * cells]);
+}
 
 /* Numbers of one parcel, of planes of `capacity`. */
 INLINE real3 vector_of(__global const real *state, int plane, int n, int capacity)
@@ -36,7 +54,8 @@ INLINE real3 vector_of(__global const real *state, int plane, int n, int capacit
 __kernel void add_exchange(
     __global const real *restrict state, __global const real *restrict droplets,
     __global const real *restrict properties, __global long *sums, __global const real *restrict scales,
-    const real step, const int born, const int capacity, GAS_ARGUMENTS, RAYS_ARGUMENTS)
+    __global const real8 *restrict packed_gas, __global const GAS_REAL *restrict common, const real step,
+    const int born, const int capacity, const int cells, RAYS_ARGUMENTS)
 {
     const Rays rays = RAYS;
     const int first = (int)get_global_id(0) * SIMD_WIDTH;
@@ -54,13 +73,10 @@ __kernel void add_exchange(
         const real3 v = vector_of(state, VELOCITY, n, capacity);
         at[lane] = place_of(vector_of(state, POSITION, n, capacity) + R(0.5) * step * v, &rays);
         own[lane] = folded(v, &at[lane], &rays);
-        const Place here = at[lane];
-        const real heavy = gathered(density, &here);
-        LANE(gas.vapour, lane) = least(most(gathered(fuel, &here) / heavy, R(0)), R(1));
-        LANE(gas.temperature, lane) = gathered(temperature, &here);
-        const real3 other = (real3)(gathered(velocity, &here), gathered(velocity + cells, &here),
-            gathered(velocity + 2 * cells, &here));
-        const real3 d = own[lane] - other;
+        const real8 here = all_gathered(packed_gas, &at[lane]);
+        LANE(gas.vapour, lane) = least(most(here.s1 / here.s0, R(0)), R(1));
+        LANE(gas.temperature, lane) = here.s2;
+        const real3 d = own[lane] - here.s345;
         LANE(slip, lane) = root(d.x * d.x + d.y * d.y + d.z * d.z);
     }
     const lane_t usual = mass > R(0) ? mass : (lane_t)R(1e-13), warm = READ(state + capacity + first);
@@ -94,17 +110,18 @@ INLINE real relaxed_gas(real gas, real density, real whole, real product)
    mixture), momentum; and to `totals` the liquid that reaches a wall, and of the droplets that cross the
    plane z = station the sums of d^2 and d^3.
 
-   exchange: sums of `add_exchange` per volume. random: eddies, by parcel and step, so that sprays of equal
+   random: eddies, by parcel and step, so that sprays of equal
    steps have the same on any grid; numbers of a cube of unit variance, whose sums over steps are normal. The
    displacement is with the eddies at its end: with those at its start, droplets would accumulate in calm
    regions, which vapour does not. failed: number of droplets that could not be integrated. */
 __kernel void move(
     __global real *restrict state, __global const real *restrict droplets,
-    __global const real *restrict properties, __global const GAS_REAL *restrict exchange,
-    __global const GAS_REAL *restrict eddy, __global long *sums, __global const real *restrict scales,
+    __global const real *restrict properties, __global const real8 *restrict packed_gas,
+    __global const real8 *restrict packed_exchange, __global const GAS_REAL *restrict eddy,
+    __global const GAS_REAL *restrict common, __global long *sums, __global const real *restrict scales,
     __global long *totals, __global const real *restrict total_scales, __global int *failed,
     const real step, const real tolerance, const real zero_enthalpy, const real station, const uint seed,
-    const uint number, const int born, const int capacity, GAS_ARGUMENTS, RAYS_ARGUMENTS)
+    const uint number, const int born, const int capacity, const int cells, RAYS_ARGUMENTS)
 {
     const Rays rays = RAYS;
     const int first = (int)get_global_id(0) * SIMD_WIDTH;
@@ -123,23 +140,18 @@ __kernel void move(
         const int n = first + lane;
         const real3 v = vector_of(state, VELOCITY, n, capacity);
         at[lane] = place_of(vector_of(state, POSITION, n, capacity) + R(0.5) * step * v, &rays);
-        const Place here = at[lane];
-        const real heavy = gathered(density, &here);
-        const real drag = gathered(exchange + DRAG * cells, &here);
-        const real3 u = (real3)(
-            relaxed_gas(gathered(velocity, &here), heavy, drag, gathered(exchange + (DRAG + 1) * cells, &here)),
-            relaxed_gas(gathered(velocity + cells, &here), heavy, drag, gathered(exchange + (DRAG + 2) * cells, &here)),
-            relaxed_gas(gathered(velocity + 2 * cells, &here), heavy, drag, gathered(exchange + (DRAG + 3) * cells, &here)));
-        const real3 there = unfolded(u, &here, &rays);
+        const real8 here = all_gathered(packed_gas, &at[lane]);
+        const real8 k = all_gathered(packed_exchange, &at[lane]);
+        const real3 u = (real3)(relaxed_gas(here.s3, here.s0, k.s0, k.s1),
+            relaxed_gas(here.s4, here.s0, k.s0, k.s2), relaxed_gas(here.s5, here.s0, k.s0, k.s3));
+        const real3 there = unfolded(u, &at[lane], &rays);
         LANE(ux, lane) = there.x;
         LANE(uy, lane) = there.y;
         LANE(uz, lane) = there.z;
-        LANE(gas.temperature, lane) = relaxed_gas(gathered(temperature, &here), heavy,
-            gathered(exchange + HEAT * cells, &here), gathered(exchange + (HEAT + 1) * cells, &here));
-        const real share = least(most(gathered(fuel, &here) / heavy, R(0)), R(1));
-        LANE(gas.vapour, lane) = relaxed_gas(share, heavy, gathered(exchange + VAPOUR * cells, &here),
-            gathered(exchange + (VAPOUR + 1) * cells, &here));
-        LANE(spread, lane) = gathered(eddy, &here);
+        LANE(gas.temperature, lane) = relaxed_gas(here.s2, here.s0, k.s4, k.s5);
+        const real share = least(most(here.s1 / here.s0, R(0)), R(1));
+        LANE(gas.vapour, lane) = relaxed_gas(share, here.s0, k.s6, k.s7);
+        LANE(spread, lane) = here.s6;
     }
     const Droplet before = {mass, READ(state + TEMPERATURE * capacity + first),
         READ(state + VELOCITY * capacity + first), READ(state + (VELOCITY + 1) * capacity + first),

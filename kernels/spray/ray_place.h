@@ -6,7 +6,8 @@
 #include "spray/gas_cell.h"
 
 /* symmetry: number of equal sectors about the axis; 1: none; 0: the mean flow is round.
-   faces: azimuths + 1, polars + 1, radii + 1 numbers; frame: rows are the local axes. */
+   faces: azimuths + 1, polars + 1, radii + 1 numbers; frame: rows are the local axes, followed by cosine
+   and sine of the turn of each sector. */
 typedef struct {
     int symmetry, ring, azimuths, polars, radii, stride;
     __global const real *faces, *frame;
@@ -87,10 +88,11 @@ INLINE Place place_of(real3 position, const Rays *rays)
         azimuth = R(0);
     } else if (rays->symmetry > 1) {
         const real sector = R(6.28318530717958648) / (real)rays->symmetry;
-        const real turn = sector * (real)floor_of(azimuth / sector + R(0.5));
-        at.cosine = cos(turn);
-        at.sine = sin(turn);
-        azimuth -= turn;
+        const int turn = floor_of(azimuth / sector + R(0.5));
+        __global const real *turned = rays->frame + 9 + 2 * (turn < 0 ? turn + rays->symmetry : turn);
+        at.cosine = turned[0];
+        at.sine = turned[1];
+        azimuth -= sector * (real)turn;
         at.sign = azimuth < R(0) ? R(-1) : R(1);
         azimuth = size_of(azimuth);
     }
@@ -132,6 +134,19 @@ INLINE real gathered(__global const GAS_REAL *field, const Place *at)
     const real p = (R(1) - w) * (real)field[b] + w * (real)field[b + i];
     const real q = (R(1) - w) * (real)field[b + j] + w * (real)field[b + j + i];
     return (R(1) - u) * ((R(1) - v) * s + v * t) + u * ((R(1) - v) * p + v * q);
+}
+
+/* The same for eight fields whose values are beside each other. */
+INLINE real8 all_gathered(__global const real8 *fields, const Place *at)
+{
+    const int a = at->cell, b = a + at->jump[0], j = at->jump[1], i = at->jump[2];
+    const real u = at->part[0], v = at->part[1], w = at->part[2];
+    const real8 s = fields[a] + w * (fields[a + i] - fields[a]);
+    const real8 t = fields[a + j] + w * (fields[a + j + i] - fields[a + j]);
+    const real8 p = fields[b] + w * (fields[b + i] - fields[b]);
+    const real8 q = fields[b + j] + w * (fields[b + j + i] - fields[b + j]);
+    const real8 low = s + v * (t - s), high = p + v * (q - p);
+    return low + u * (high - low);
 }
 
 /* Vector turned with its position into the sector. The part across cancels in a round mean. */

@@ -130,7 +130,7 @@ def ablate(case: Case, *, phase: str, accuracy_K: float, seeds: int, say: Say) -
 def ablation(device: Device, *, cache: Path, say: Say, seeds: int = SEEDS) -> Part:
     """Measures gdi, droplets with Mie's phase function, and a thick slab."""
     small = {"camera": {"pixels": [300, 300]}}
-    gdi = changed(load_scene("gdi"), **small)
+    gdi = changed(load_scene("gdi-cone"), **small)
     droplets = changed(load_scene("droplets-only"), **small)
     rows: list[Ablation] = []
     with tempfile.TemporaryDirectory() as folder:

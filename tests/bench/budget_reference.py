@@ -1,6 +1,6 @@
 """Converged reference images of `cldit bench --only budget`; minutes to hours a scene.
 
-    python -m tests.bench budget_reference --scene gdi --scene droplets-only --pixels 100
+    python -m tests.bench budget_reference --scene gdi-cone --scene droplets-only --pixels 100
 
 All that a run chooses is much finer here: cells, lattice and size classes of the cone, ordinates,
 wavelengths. A computed spray is the mean over many seeds, on the gas grid of the scene, whose error

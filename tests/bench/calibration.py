@@ -1,8 +1,8 @@
 """Probabilities of a run against its own recordings: uniform, as they should be.
 
 python -m tests.bench calibration methane-jet --seeds 100
-python -m tests.bench calibration gdi --quick --seeds 30
-python -m tests.bench calibration gdi --members 12 --seeds 20
+python -m tests.bench calibration gdi-cone --quick --seeds 30
+python -m tests.bench calibration gdi-cone --members 12 --seeds 20
 
 Each recording is compared with its run, with another recording, and with runs whose walls are 20 K
 warmer and of another order. `--quick` is for 40 x 32 pixels.
@@ -36,7 +36,7 @@ LARGE_K, CLEAR = 0.3, 4.0  # of a single pixel, in kelvin and in standard errors
 def main() -> None:
     """Traces a scene once, records it with many seeds, and prints a line for each region."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scene", nargs="?", default="gdi")
+    parser.add_argument("scene", nargs="?", default="gdi-cone")
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--members", type=int, default=1, help="injections that differ")
     parser.add_argument("--quick", action="store_true", help="40 x 32 pixels")

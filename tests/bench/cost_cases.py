@@ -110,7 +110,7 @@ def of_voxels(
 
 def narrow_plumes(_: Path) -> Scene:
     """The plumes of gdi with an angle of 6 degrees."""
-    scene = load_scene("gdi").model_dump(mode="json")
+    scene = load_scene("gdi-cone").model_dump(mode="json")
     for one in scene["spray"]["plumes"]:
         one["cone_angle_deg"] = 6.0
     scene["camera"]["pixels"] = [48, 48]
@@ -123,7 +123,7 @@ def gdi(pixels: int, accuracy_K: float) -> Callable[[Path], Scene]:
         "camera": {"pixels": [pixels] * 2},
         "transport": {"accuracy_K": accuracy_K},
     }
-    return lambda _: changed(load_scene("gdi"), **sections)
+    return lambda _: changed(load_scene("gdi-cone"), **sections)
 
 
 def droplets(seed: int) -> Callable[[Path], Scene]:
@@ -164,7 +164,7 @@ def run_case(name: str) -> None:
     device = open_device()
     with tempfile.TemporaryDirectory() as folder:
         scene = CASES[name].make(Path(folder))
-        small = changed(load_scene("gdi"), camera={"pixels": [8, 8]})
+        small = changed(load_scene("gdi-cone"), camera={"pixels": [8, 8]})
         simulate(small, device=device, cache=default_cache())  # loads modules and kernels
         run, cost = clocked(device, lambda: simulate(scene, device=device, cache=default_cache()))
     assert run.errors is not None

@@ -27,10 +27,10 @@ def _pixels(count: int) -> dict[str, object]:
 
 
 SCENES = {
-    "gdi": _scene("gdi"),
-    "gdi, 100 x 100": _scene("gdi", camera=_pixels(100)),
-    "gdi, 0.3 K": _scene("gdi", transport={"accuracy_K": 0.3}),
-    "gdi, path tracing": _scene("gdi", transport={"method": "path"}),
+    "gdi-cone": _scene("gdi-cone"),
+    "gdi-cone, 100 x 100": _scene("gdi-cone", camera=_pixels(100)),
+    "gdi-cone, 0.3 K": _scene("gdi-cone", transport={"accuracy_K": 0.3}),
+    "gdi-cone, path tracing": _scene("gdi-cone", transport={"method": "path"}),
     "droplets-only": _scene("droplets-only"),
     "methane-jet": _scene("methane-jet"),
 }

@@ -1,7 +1,7 @@
 """Errors from 10,000 drawn pixels, over many draws, against those of all pixels.
 
     python -m tests.bench drawn_pixels --scene methane-jet --halvings 6 7 8
-    python -m tests.bench drawn_pixels --scene gdi --halvings 7 8 9
+    python -m tests.bench drawn_pixels --scene gdi-cone --halvings 7 8 9
 
 The images are the same, with all pixels traced: only the draw differs.
 """

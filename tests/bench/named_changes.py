@@ -1,6 +1,6 @@
 """Recordings of a spray against models that differ in one thing: is it named, and where.
 
-python -m tests.bench named_changes gdi
+python -m tests.bench named_changes gdi-cone
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def line(name: str, true: Difference, found: Sequence[Difference]) -> str:
 def main() -> None:
     """Traces a scene and its variants, records each several times, and prints a line for each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scene", nargs="?", default="gdi")
+    parser.add_argument("scene", nargs="?", default="gdi-cone")
     parser.add_argument("--accuracy", type=float, default=2.0, help="of every trace, K")
     parser.add_argument("--pixels", type=int, default=100)
     parser.add_argument("--seeds", type=int, default=20)

@@ -1,6 +1,6 @@
 """Errors of the droplet tables, cost of the tables of a scene, error against wavelengths.
 
-python -m tests.bench optics --scene gdi --out docs/benchmarks
+python -m tests.bench optics --scene gdi-cone --out docs/benchmarks
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ def write_measured(
 ) -> None:
     """Measures what the command line asks for, and writes the page."""
     parser = argparse.ArgumentParser(prog=sys.argv[0], description=measure.__doc__)
-    parser.add_argument("--scene", default="gdi", help="a shipped name or a YAML file")
+    parser.add_argument("--scene", default="gdi-cone", help="a shipped name or a YAML file")
     parser.add_argument("--device", help="index or name of an OpenCL device")
     parser.add_argument("--out", type=Path, default=FOLDER, help="folder of the page")
     options(parser)

@@ -1,6 +1,6 @@
 """True and stated error of pixel sampling: one ray per pixel against 64.
 
-    python -m tests.bench pixel_sampling --scene methane-jet --scene gdi --aachenbomb CASE
+    python -m tests.bench pixel_sampling --scene methane-jet --scene gdi-cone --aachenbomb CASE
 
 CASE is an OpenFOAM case of the tutorial aachenBomb. Cells, ordinates and seed are the same in both
 images.

@@ -118,7 +118,7 @@ def experiment() -> Record:
     from cldit.api.experiment import run_experiment
     from cldit.scene import parse_scene
 
-    data = cldit.load_scene("gdi").model_dump(mode="json")
+    data = cldit.load_scene("gdi-cone").model_dump(mode="json")
     data["camera"]["pixels"] = [PIXELS, PIXELS]
     data["transport"]["accuracy_K"] = 4.0
     with tempfile.TemporaryDirectory() as place:

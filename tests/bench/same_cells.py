@@ -1,6 +1,6 @@
 """T_app of `source` minus that of `path` on the same cells, mean and RMS.
 
-    python -m tests.bench same_cells gdi --field 0.12 --z -0.05
+    python -m tests.bench same_cells gdi-cone --field 0.12 --z -0.05
     python -m tests.bench same_cells droplets-only --field 0.05 --z -0.02 --constant [--sharp]
 
 The noise of the reference is removed from the RMS, and printed with the mean.

@@ -18,7 +18,7 @@ from tests.bench.scattering.run import scattering_study
 
 
 @click.command()
-@click.argument("scene", default="gdi")
+@click.argument("scene", default="gdi-cone")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; default: scattering.")
 @click.option("--markdown", is_flag=True, help="Only Markdown and figures, as for docs.")
 @click.option("--pixels", type=click.IntRange(16, 4096), default=200, show_default=True)

@@ -40,7 +40,7 @@ def spray_cone(bench: Bench) -> list[str]:
         found: dict[str, Run] = {}
         sprays: dict[str, Spray] = {}
         for name, scene in (
-            ("cone", load_scene("gdi").with_(**{"spray.spacing_m": 0.4e-3})),
+            ("cone", load_scene("gdi-cone").with_(**{"spray.spacing_m": 0.4e-3})),
             *((f"seed {n}", load_scene("gdi-flow").with_(**{"spray.seed": n})) for n in (1, 2)),
         ):
             box = {} if name == "cone" else {"spray.box.spacing_m": 0.7 * bench.spacing_m}

@@ -1,6 +1,6 @@
 """True and stated error of the number of wavelengths: images with few nodes against many.
 
-    python -m tests.bench wavelengths --scene gdi --scene droplets-only --aachenbomb CASE
+    python -m tests.bench wavelengths --scene gdi-cone --scene droplets-only --aachenbomb CASE
 
 Some minutes a scene; CASE is an OpenFOAM case of the tutorial aachenBomb. All is traced twice, with
 ordinates of another seed: the mean product of both differences of T_app is the square of the error

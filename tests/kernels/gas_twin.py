@@ -56,9 +56,14 @@ def mixture() -> GasMixture:
 
 
 def gas_of(grid: RayGrid, device: Device) -> GasFlow:
-    """Gas at rest."""
+    """Gas at rest, in the precision of the device."""
     return GasFlow(
-        grid, mixture(), pressure_Pa=PRESSURE_Pa, temperature_K=TEMPERATURE_K, device=device
+        grid,
+        mixture(),
+        pressure_Pa=PRESSURE_Pa,
+        temperature_K=TEMPERATURE_K,
+        device=device,
+        real=np.float64 if device.info.float64 else np.float32,
     )
 
 

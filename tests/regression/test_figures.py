@@ -21,8 +21,8 @@ from cldit.run import Run
 
 KEPT = Path(__file__).parent / "figures.json"
 SCENES: dict[str, dict[str, Any]] = {
-    "gdi": {"pixels": [50, 50]},
-    "gdi, Mie": {"pixels": [50, 50]},
+    "gdi-cone": {"pixels": [50, 50]},
+    "gdi-cone, Mie": {"pixels": [50, 50]},
     "methane-jet": {"pixels": [40, 40]},
     "droplets-only": {"pixels": [40, 40]},
 }

@@ -86,7 +86,7 @@ def study(folder: Path) -> Path:
         verdicts=(Verdict(claim="claim", value=1.0, error=0.1, unit="K", low=0.0, high=2.0),),
         figures={"maps": a_line()},
         table=[{"case": "one", "T_app / K": 400.0}],
-        scenes={"gdi": load_scene("gdi")},
+        scenes={"gdi": load_scene("gdi-cone")},
     )
     write_study(page, folder)
     return folder / "sizes.html"

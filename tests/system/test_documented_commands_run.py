@@ -2,8 +2,8 @@
 
 All pages share one folder. What stands in for a user's own files is made here: a CFD case, a
 measurement, a table of n and k, a scene. Commands that measure `gdi` for many minutes run in a
-folder in which `gdi` and `droplets-only` are files with fewer pixels and coarser cells: a scene is
-given by its file as well as by its name. Nothing of cldit is replaced.
+folder in which `gdi` (as a cone) and `droplets-only` are files with fewer pixels and coarser cells:
+a scene is given by its file as well as by its name. Nothing of cldit is replaced.
 """
 
 from __future__ import annotations
@@ -124,9 +124,9 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     small.mkdir()
     for place in (folder, small):
         (place / "docs").mkdir()
-        (place / "my.yaml").write_text(_small("gdi"), encoding="utf-8")
-    for name in ("gdi", "droplets-only"):
-        (small / name).write_text(_small(name), encoding="utf-8")
+        (place / "my.yaml").write_text(_small("gdi-cone"), encoding="utf-8")
+    for name, fast in (("gdi", "gdi-cone"), ("droplets-only", "droplets-only")):
+        (small / name).write_text(_small(fast), encoding="utf-8")
     return folder
 
 

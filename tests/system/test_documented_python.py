@@ -111,7 +111,7 @@ SMALL = {"camera": {"pixels": [48, 48]}, "domain": {"leaf_edge_m": 4e-3}}
 @pytest.fixture
 def gdi(here: Path) -> None:
     """A file of that name with fewer pixels and coarser cells: scenes are files as well."""
-    data = load_scene("gdi").model_dump(mode="json")
+    data = load_scene("gdi-cone").model_dump(mode="json")
     for section, changes in SMALL.items():
         data[section] |= changes
     (here / "gdi").write_text(dump_scene(parse_scene(data)), encoding="utf-8")

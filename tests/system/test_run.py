@@ -31,7 +31,7 @@ def cldit_command(*arguments: object) -> Result:
 @pytest.fixture(scope="module")
 def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`gdi` at low resolution, as a YAML file in a folder whose name has a space."""
-    data = cldit.load_scene("gdi").model_dump(mode="json")
+    data = cldit.load_scene("gdi-cone").model_dump(mode="json")
     for section, values in SMALL.items():
         data[section].update(values)
     data["camera"]["sensor"] = SMALL["camera"]["sensor"]

@@ -33,7 +33,7 @@ def _run(*arguments: object) -> str:
 @pytest.mark.slow
 def test_a_run_of_two_delays(tmp_path: Path) -> None:
     """The later spray covers more of the picture; the run itself shows the scene's own time."""
-    data = cldit.load_scene("gdi").model_dump(mode="json")
+    data = cldit.load_scene("gdi-cone").model_dump(mode="json")
     for section, values in SMALL.items():
         data[section].update(values)
     data["camera"]["sensor"] = {"pixels": [24, 18]}

@@ -14,7 +14,7 @@ import cldit.kernels
 from cldit.drivers.dg645 import open_dg645
 
 reveal_type(cldit.load_scene)
-reveal_type(cldit.load_scene("gdi").camera.pixels)
+reveal_type(cldit.load_scene("gdi-cone").camera.pixels)
 reveal_type(cldit.open_run("runs/gdi").scene.name)
 reveal_type(open_dg645)
 cldit.load_scene(3)

@@ -74,14 +74,14 @@ def with_cfd(folder: Path) -> Scene:
         "nozzle_m": [0.0, 0.0, 0.0],
         "axis": "-z",
     }
-    return load_scene("gdi").with_(spray=spray, name="cfd", **SMALL)
+    return load_scene("gdi-cone").with_(spray=spray, name="cfd", **SMALL)
 
 
 @pytest.mark.parametrize("kind", ["gdi", "cfd"])
 def test_traced_runs(
     viewer: Viewer, device: Device, tables: Path, tmp_path: Path, kind: str
 ) -> None:
-    scene = load_scene("gdi").with_(**SMALL) if kind == "gdi" else with_cfd(tmp_path)
+    scene = load_scene("gdi-cone").with_(**SMALL) if kind == "gdi" else with_cfd(tmp_path)
     folder = tmp_path / "run"
     simulate(scene, folder, device=device, cache=tables)
     page = tmp_path / "page.html"
@@ -111,7 +111,7 @@ def test_traced_runs(
 def test_a_measurement(viewer: Viewer, tmp_path: Path) -> None:
     """What the simulated rig recorded of gdi, beside the run itself: they agree within errors."""
     folder, page = tmp_path / "run", tmp_path / "page.html"
-    words = ["run", "gdi", "--pixels", "80", "--accuracy", "8", "--out", str(folder)]
+    words = ["run", "gdi-cone", "--pixels", "80", "--accuracy", "8", "--out", str(folder)]
     done = CliRunner().invoke(main, [*words, "--set", "plan.shots=2"])
     assert done.exit_code == 0, done.output
     words = ["view", str(folder), str(folder / "acquisition"), "--save", str(page)]

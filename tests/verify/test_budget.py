@@ -117,7 +117,7 @@ def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
     the pixels' error (0.23 was found). By the 0.5 K alone cells may err by half of their share,
     0.2 K, which is 0.03 of it.
     """
-    data: dict[str, Any] = cldit.load_scene("gdi").model_dump(mode="json")
+    data: dict[str, Any] = cldit.load_scene("gdi-cone").model_dump(mode="json")
     data["camera"].update(pixels=[50, 50], rays_per_pixel=1)
     data["optics"]["compare_paper"] = False
     data["transport"]["accuracy_K"] = 0.5

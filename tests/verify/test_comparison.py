@@ -20,7 +20,7 @@ SENSOR = {"camera.sensor.pixels": [160, 128], "camera.pixels": [128, 128]}
 @pytest.fixture(scope="module")
 def gdi(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The shipped scene with pixels of 1 mm, as by `cldit run gdi --quick`."""
-    scene = load_scene("gdi").with_(**SENSOR, **{"transport.accuracy_K": 4.0})
+    scene = load_scene("gdi-cone").with_(**SENSOR, **{"transport.accuracy_K": 4.0})
     return simulate(scene, tmp_path_factory.mktemp("gdi"), device=device)
 
 
@@ -28,7 +28,7 @@ def gdi(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Run:
 def fine(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The same at 2 K; the cells' error of 2.6 K at 4 K explains 10 K in the fuel."""
     pixels = {"camera.sensor.pixels": [100, 100], "camera.pixels": [100, 100]}
-    scene = load_scene("gdi").with_(**pixels, **{"transport.accuracy_K": 2.0})
+    scene = load_scene("gdi-cone").with_(**pixels, **{"transport.accuracy_K": 2.0})
     return simulate(scene, tmp_path_factory.mktemp("fine"), device=device)
 
 

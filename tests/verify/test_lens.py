@@ -218,7 +218,7 @@ def test_stated_effect_of_a_lens(device: Device, tables: Path) -> None:
     The estimate blurs the pinhole's image by the discs of all depths alike, which moves a square by
     up to a third where one side of the spray is nearer.
     """
-    scene = cldit.load_scene("gdi").with_(
+    scene = cldit.load_scene("gdi-cone").with_(
         **{
             "camera.pixels": [100, 100],
             "camera.field_m": [0.12, 0.12],

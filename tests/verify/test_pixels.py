@@ -311,7 +311,7 @@ def test_stated_error_of_a_thin_jet(device: Device, tables: Path, pixels: int) -
 
 @pytest.mark.parametrize(
     ("name", "order", "rays"),
-    [pytest.param("methane-jet", None, 4, marks=pytest.mark.slow), ("gdi", 1, 1)],
+    [pytest.param("methane-jet", None, 4, marks=pytest.mark.slow), ("gdi-cone", 1, 1)],
 )
 def test_some_pixels_are_those_of_the_picture(
     device: Device, tables: Path, name: str, order: int | None, rays: int

@@ -71,10 +71,11 @@ class GasFlow:
         mixing_length: float = MIXING_LENGTH,
         fastest_m_s: float = 1e3,
         jet_speed_m_s: float = 0.0,
+        real: type[np.floating] = np.float32,
     ) -> None:
         self.fastest_m_s = fastest_m_s
         self.grid, self.mixture, self.device = grid, mixture, device
-        self.fields = fields = RayFields(grid, device)
+        self.fields = fields = RayFields(grid, device, real)
         self.far_density_kg_m3 = pressure_Pa / (mixture.carrier_J_kg_K * temperature_K)
         start = float(mixture.enthalpy_J_kg(np.zeros(1), np.array([temperature_K]))[0])
         density = self.far_density_kg_m3

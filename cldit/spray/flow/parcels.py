@@ -101,25 +101,20 @@ class Cloud:
         self._totals = zeros(self.device, "totals", 3, np.int64)
         self._failed = zeros(self.device, "failed", 1, np.int32)
         self._exchange = fields.plane("exchange of parcels", _EXCHANGED)
-        faces_m = np.concatenate([grid.azimuth, grid.polar, grid.radius_m])
         known: dict[str, Any] = {
             **flow.known,
+            **fields.places(),
             "state": self.state,
             "droplets": upload(self.device, "droplets", droplets),
             "birth": upload(self.device, "birth", birth),
             "properties": self._single("properties", property_table(fuel, carrier)),
             "sums": self._sums,
             "exchange": self._exchange,
+            "packed_gas": zeros(self.device, "packed gas", 8 * fields.cells, np.float32),
+            "packed_exchange": zeros(self.device, "packed sums", 8 * fields.cells, np.float32),
             "totals": self._totals,
             "total_scales": self._single("scales of totals", np.array(self._total_scales)),
             "failed": self._failed,
-            "faces": self._single("faces", faces_m),
-            "frame": self._single("frame", grid.frame),
-            "symmetry": grid.symmetry,
-            "ring": int(grid.ring),
-            "polars": grid.shape[1],
-            "radii": grid.shape[2],
-            "stride": fields.stride,
             "capacity": self.capacity,
             "tolerance": TOLERANCE,
             "zero_enthalpy": flow.mixture.zero_J_kg,
@@ -140,12 +135,15 @@ class Cloud:
         }
         self._program = build(self.device, "spray/parcels.cl", defines)
 
-        def bind(kernel: str, **others: Any) -> Any:
+        def bind(kernel: str, items: int = _GROUP, **others: Any) -> Any:
             whole = {**known, **others}
             names = self._program.takes(kernel)
             arguments = {name: whole[name] for name in names}
-            return self._program.bind(kernel, (_GROUP,), (_GROUP,), arguments)
+            return self._program.bind(kernel, (items,), (_GROUP,), arguments)
 
+        self._pack_gas, self._pack_exchange = (
+            bind(kernel, fields.cells) for kernel in ("pack_gas", "pack_exchange")
+        )
         self._add_exchange = bind("add_exchange", scales=exchange_scales)
         self._move = bind("move", scales=scales)
         self._give_birth = bind("give_birth")
@@ -203,10 +201,12 @@ class Cloud:
             return False
         fields = self.flow.fields
         size = (-(-self.born // (self._width * _GROUP)) * _GROUP,)
+        self._pack_gas()
         clear(self.device, self._sums, _EXCHANGED * fields.cells, np.int64)
         self._add_exchange.resized(size)(step=step_s, born=self.born)
         for launch in self._exchanged:
             launch()
+        self._pack_exchange()
         clear(self.device, self._sums, _GIVEN * fields.cells, np.int64)
         self._move.resized(size)(step=step_s, born=self.born, number=self.number)
         for launch in self._given:

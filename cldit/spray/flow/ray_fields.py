@@ -22,18 +22,35 @@ _GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew 
 class RayFields:
     """Fields on a grid of rays in device memory, with the launches that work on them.
 
-    real: type of the numbers, double where the device has it. cells: numbers of a plane.
+    real: type of the numbers. cells: numbers of a plane.
     """
 
-    def __init__(self, grid: RayGrid, device: Device) -> None:
+    def __init__(self, grid: RayGrid, device: Device, real: type[np.floating]) -> None:
         self.grid, self.device = grid, device
-        self.real: Any = np.float64 if device.info.float64 else np.float32
+        self.real: Any = real
         azimuths, polars, radii = grid.shape
         self.stride = -(-(radii + 2) // _PACKET) * _PACKET
         self.cells = azimuths * polars * self.stride + 2 * _GUARD
         self.simd_width = 8 if device.is_cpu else 1
         self.packets = azimuths * polars * self.stride // self.simd_width
         self._programs: dict[str, Program] = {}
+
+    def places(self) -> dict[str, Any]:
+        """Arguments of kernels that find the cells around a position, see ray_place.h."""
+        grid = self.grid
+        turns = 2 * np.pi / max(grid.symmetry, 1) * np.arange(max(grid.symmetry, 1))
+        turned = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        faces = np.concatenate([grid.azimuth, grid.polar, grid.radius_m])
+        frame = np.concatenate([grid.frame.reshape(-1), turned.reshape(-1)])
+        sizes = dict(zip(("azimuths", "polars", "radii"), grid.shape, strict=True))
+        return {
+            "faces": self.table("faces", faces, np.float32),
+            "frame": self.table("frame", frame, np.float32),
+            "symmetry": grid.symmetry,
+            "ring": int(grid.ring),
+            "stride": self.stride,
+            **sizes,
+        }
 
     def program(self, name: str) -> Program:
         """Program of a file of kernels for these fields."""

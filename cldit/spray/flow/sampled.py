@@ -95,20 +95,12 @@ class Filling:
         self.densest = float(vapour.max())
         warmth = fields.plane("warmth")
         fields.write(warmth, vapour * flow.read("temperature"))
-        faces = np.concatenate([grid.azimuth, grid.polar, grid.radius_m])
         self.arguments: dict[str, Any] = {
             "fuel": flow.fuel,
             "warmth": warmth,
             "least_density": float(least),
             "cosines": self._single("cosines", _cosines(grid, vapour >= 0.1 * least).T),
-            "faces": self._single("faces", faces),
-            "frame": self._single("frame", grid.frame),
-            "symmetry": grid.symmetry,
-            "ring": int(grid.ring),
-            "azimuths": grid.shape[0],
-            "polars": grid.shape[1],
-            "radii": grid.shape[2],
-            "stride": fields.stride,
+            **fields.places(),
         }
         defines: dict[str, Define] = {
             "SIMD_WIDTH": 1,

@@ -39,7 +39,7 @@ def _row(
 
 
 def _study(*more: Row, wet: float = 0.125) -> Study:
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     rows = (
         _row("plain DIT", Knows.NOTHING, 5.0),
         _row("as a bound", Knows.RIG, 5.0, width_K=math.inf),

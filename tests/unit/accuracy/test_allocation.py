@@ -25,7 +25,7 @@ from cldit.scene.spray import ConeSpray
 NOTHING: Any = None
 
 
-def scene_of(name: str = "gdi", **sections: dict[str, Any]) -> Scene:
+def scene_of(name: str = "gdi-cone", **sections: dict[str, Any]) -> Scene:
     """A shipped scene with one ray a pixel."""
     data = load_scene(name).model_dump(mode="json")
     data["camera"]["rays_per_pixel"] = 1
@@ -242,6 +242,19 @@ def test_a_lattice_for_what_the_cells_leave() -> None:
     trace_K = 0.6 * before.shares_K["trace"]
     assert left**2 + 0.6**2 + 0.1**2 + trace_K**2 == pytest.approx(1.0, rel=1e-6)
     assert before.beside_cells(scene, 1.1, known) is before  # cells leave nothing
+
+
+def test_gas_is_halved_so_that_coarser_sprays_are_those_of_before() -> None:
+    """The error of 0.4 mm needs the sprays on 0.8 and 1.6 mm, which 0.8 mm had; below 0.35 mm a run
+    chooses nothing, so 0.64 mm is not refined."""
+    scene = load_scene("gdi").with_(**{"transport.accuracy_K": 5.0})
+    start = Resolution.first(scene, ordinates_K=5.0, spectral_K=1.0)
+    assert start.gas_m == 0.8e-3 and "gas grid" not in start.limits
+    finer = BY_NAME["gas grid"].finer(start, share_K=3.0, ratio=1.2, order=1.0)
+    assert finer.gas_m is not None and 2 * finer.gas_m == start.gas_m
+    assert "below 0.35 mm" in finer.limits["gas grid"]
+    shipped = Resolution.first(load_scene("gdi"), ordinates_K=4.0, spectral_K=1.0)
+    assert shipped.gas_m == 0.64e-3 and "gas grid" in shipped.limits
 
 
 def test_what_is_small_enough_is_left_alone() -> None:

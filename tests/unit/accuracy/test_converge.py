@@ -30,7 +30,7 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     found_K: tuple[float, ...], kept_K: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Memory may hold less than a refinement needs; its last reason is kept."""
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     left = list(found_K)
 
     def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocation]:

@@ -38,7 +38,7 @@ def remark(
     keys: Mapping[str, Any] | None = None,
     predicted_K: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
-    gdi: Scene = load_scene("gdi").with_(**{"camera.pixels": [100, 100], **(keys or {})})
+    gdi: Scene = load_scene("gdi-cone").with_(**{"camera.pixels": [100, 100], **(keys or {})})
     settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
@@ -65,7 +65,7 @@ def test_an_image_of_a_minute_is_announced(monkeypatch: pytest.MonkeyPatch) -> N
     (text,) = remark(depth=7, coarse=COARSE)  # 64 + 4
     assert text.startswith("expected for the image: 68 core-s and 0.017 GB")
     assert "2.1e+06 cells of 0.78 mm, 24 ordinates, 1 wavelength; most of it by cells" in text
-    assert text.endswith(f"for {Allocation.of(load_scene('gdi'), 1.0)['cells']:.2g} K")
+    assert text.endswith(f"for {Allocation.of(load_scene('gdi-cone'), 1.0)['cells']:.2g} K")
     (text,) = remark(coarse=COARSE, ordinates=24 * 20, keys={"transport.directions": 160})
     assert text.endswith("most of it by trace, set by transport.directions")
     (text,) = remark(depth=7, coarse=COARSE, keys={"domain.leaf_edge_m": 1e-3})

@@ -364,7 +364,7 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
 @pytest.mark.slow
 def test_the_estimate_gives_way_where_a_coarser_cone_leaves_the_domain(device: Device) -> None:
     """The cone's boxes of 10 and 20 mm reach out of the domain of 80 mm; those of 5 mm do not."""
-    data = load_scene("gdi").model_dump(mode="json")
+    data = load_scene("gdi-cone").model_dump(mode="json")
     data["spray"]["spacing_m"] = 5e-3
     data["camera"]["pixels"] = [12, 12]
     errors = simulate(parse_scene(data), device=device).errors

@@ -23,19 +23,19 @@ BYTES = (320 + 55) * PARCELS / 0.7  # of free memory, that hold just this lattic
 
 def made() -> Any:
     """A spray of so many parcels."""
-    cone = load_scene("gdi").spray.model_copy(update={"spacing_m": CONE_m, "size_classes": 4})
+    cone = load_scene("gdi-cone").spray.model_copy(update={"spacing_m": CONE_m, "size_classes": 4})
     points = SimpleNamespace(position_m=np.zeros((PARCELS, 3)))
     return SimpleNamespace(cone=cone, properties=SimpleNamespace(sources=[(points, [])]))
 
 
 def resolution(spacing_m: float) -> Resolution:
-    first = Resolution.first(load_scene("gdi"), ordinates_K=1.0, spectral_K=1.0)
+    first = Resolution.first(load_scene("gdi-cone"), ordinates_K=1.0, spectral_K=1.0)
     return replace(first, size_classes=4).on_lattice(spacing_m)
 
 
 def hardly_finer(finer: Resolution, than: Resolution) -> str:
     device: Any = None
-    problem = Problem(load_scene("gdi"), device, Stages(None), Path(), None)
+    problem = Problem(load_scene("gdi-cone"), device, Stages(None), Path(), None)
     problem._prepared = (), made()
     return problem.hardly_finer(finer, than)
 
@@ -61,7 +61,7 @@ def test_a_spray_that_was_made_is_kept(memory: Any, tables: Path) -> None:
     """Memory is less once its octrees are there: that makes no other spray for the estimates."""
     memory(0.4e-3)
     device: Any = None
-    problem = Problem(load_scene("gdi"), device, Stages(None), tables, None)
+    problem = Problem(load_scene("gdi-cone"), device, Stages(None), tables, None)
     fine, spray = resolution(0.3e-3), made()
     problem._prepared = fine.prepared_key, spray
     assert problem.prepared(fine) == (fine, spray)

@@ -43,7 +43,7 @@ def prepared(resolution: Resolution, scene: Scene) -> Resolution:
 
 def test_too_fine(tried_m: list[float]) -> None:
     """In steps of 15 %, and the resolution has the reason why cells are no finer."""
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     found = prepared(first(scene).on_lattice(0.1e-3), scene)
     assert found.spacing_m is not None and 0.14e-3 <= found.spacing_m < 1.15 * 0.14e-3
     assert tried_m == pytest.approx([0.1e-3 * 1.15**n for n in range(4)])
@@ -55,7 +55,7 @@ def test_too_fine(tried_m: list[float]) -> None:
 
 def test_the_first_lattice_is_too_coarse(tried_m: list[float]) -> None:
     """For a short plume, the scene's own lattice is used first, and cells are chosen later."""
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     found = prepared(first(scene), scene)
     assert tried_m == [1e-3, 0.5e-3]
     assert found.depth is None and found.cube_m is not None and not found.limits
@@ -63,7 +63,7 @@ def test_the_first_lattice_is_too_coarse(tried_m: list[float]) -> None:
 
 def test_the_finest_lattice_limits_the_gas_grid(tried_m: list[float]) -> None:
     """The lattice limits the cells if both are one (above)."""
-    data = load_scene("gdi").model_dump(mode="json")
+    data = load_scene("gdi-cone").model_dump(mode="json")
     data["domain"]["leaf_edge_m"] = 1e-3
     scene = parse_scene(data)
     found = prepared(replace(first(scene), spacing_m=0.13e-3), scene)
@@ -72,7 +72,7 @@ def test_the_finest_lattice_limits_the_gas_grid(tried_m: list[float]) -> None:
 
 @pytest.mark.parametrize("spacing_m", [0.05e-3, 2e-3])
 def test_what_the_scene_fixes_is_refused(tried_m: list[float], spacing_m: float) -> None:
-    data = load_scene("gdi").model_dump(mode="json")
+    data = load_scene("gdi-cone").model_dump(mode="json")
     data["spray"]["spacing_m"] = spacing_m
     scene = parse_scene(data)
     with pytest.raises(SprayError, match="does not suit"):

@@ -115,7 +115,7 @@ def test_a_default_is_no_source(name: str) -> None:
     ],
 )
 def test_the_side_that_leaves_less_is_no_source(key: str, value: Any, left_out: bool) -> None:
-    scene = load_scene("gdi").with_(**{key: value})
+    scene = load_scene("gdi-cone").with_(**{key: value})
     assert [one.key(scene) for one in OMISSIONS if one.key(scene)] == [key] * left_out
 
 

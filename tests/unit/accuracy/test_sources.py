@@ -15,7 +15,7 @@ from cldit.scene import Scene, load_scene
 def with_key(key: str, value: Any) -> Scene:
     """Scene gdi, resolved by wavelengths, on cells of its own, with one more key."""
     given = {"optics.preset": "spectral", "domain.leaf_edge_m": 2e-3, key: value}
-    return load_scene("gdi").with_(**given)
+    return load_scene("gdi-cone").with_(**given)
 
 
 def test_names_are_unique() -> None:

@@ -26,7 +26,9 @@ from cldit.transport.result import Audit
 
 def said(halves: float | None, **transport: Any) -> tuple[str, ...]:
     """Remarks of a run without audit."""
-    scene = load_scene("gdi").with_(**{f"transport.{key}": one for key, one in transport.items()})
+    scene = load_scene("gdi-cone").with_(
+        **{f"transport.{key}": value for key, value in transport.items()}
+    )
     return too_large(of_trace(scene, TraceError(halves)), 0.1, {})
 
 

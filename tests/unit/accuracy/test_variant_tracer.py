@@ -27,7 +27,7 @@ def tracer_of(
     prepared: Any = SimpleNamespace(on_lattice=True, node=node, cube=cube)
     settings: Any = SimpleNamespace(accuracy_K=asked_K, visible=0.05)
     levels: Any = {7: "coarse", 8: "fine"}
-    scene = load_scene("gdi").with_(**{"camera.rays_per_pixel": 1})
+    scene = load_scene("gdi-cone").with_(**{"camera.rays_per_pixel": 1})
     return VariantTracer(scene, NOTHING, settings, prepared, drawn, NOTHING, levels=levels, key=key)
 
 

@@ -41,10 +41,10 @@ def test_the_fuel_of_a_stored_spray(tmp_path: Path, foam: Foam) -> None:
     assert again.fuel == "iso-octane"
     with pytest.raises(SprayError, match=r"fuel_field: n-octane; the file contains iso-octane"):
         read_cfd(CfdSpray(file=stored, fuel_field="NC8H18"))
-    scene = load_scene("gdi").model_copy(update={"spray": CfdSpray(file=stored)})
+    scene = load_scene("gdi-cone").model_copy(update={"spray": CfdSpray(file=stored)})
     with pytest.raises(OpticsError, match="iso-octane: no vapour absorption is shipped"):
         Substances.of(scene, again)
-    only = load_scene("gdi").optics.model_copy(update={"vapour": "methane"})
+    only = load_scene("gdi-cone").optics.model_copy(update={"vapour": "methane"})
     found = Substances.of(scene.model_copy(update={"optics": only}), again).liquid
     assert found is not None and found.name == "iso-octane"
 
@@ -52,7 +52,7 @@ def test_the_fuel_of_a_stored_spray(tmp_path: Path, foam: Foam) -> None:
 def test_constants_of_n_heptane_are_for_n_heptane(tmp_path: Path, foam: Foam) -> None:
     spec = octane(tmp_path / "case", foam)
     spray = read_cfd(spec)
-    scene = load_scene("gdi").model_copy(update={"spray": spec})
+    scene = load_scene("gdi-cone").model_copy(update={"spray": spec})
     with pytest.raises(OpticsError, match=r"optics\.n, .*vapour_m2_mol: .* fuel is iso-octane"):
         wavelengths(scene, spray, cache=None)
     own = {"n": 1.39, "k": 0.03, "vapour_m2_mol": 60.0}
@@ -68,7 +68,7 @@ def test_constants_of_n_heptane_are_for_n_heptane(tmp_path: Path, foam: Foam) ->
 def test_a_resolved_scene_keeps_the_mass_of_the_fuel(tmp_path: Path, foam: Foam) -> None:
     """A resolved scene has all keys, n-heptane's molar mass among them."""
     spec = octane(tmp_path / "case", foam)
-    scene = load_scene("gdi").model_copy(update={"spray": spec})
+    scene = load_scene("gdi-cone").model_copy(update={"spray": spec})
     again = parse_scene(scene.model_dump(mode="json"), source="scene").spray
     assert isinstance(again, CfdSpray)
     vapour = read_cfd(again).vapour

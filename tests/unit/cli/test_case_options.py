@@ -33,6 +33,7 @@ def test_run_and_import_mean_the_same(tmp_path: Path, monkeypatch: pytest.Monkey
 
     def ran(scene: Scene, *_: Any, **__: Any) -> None:
         assert isinstance(scene.spray, CfdSpray)
+        assert scene.transport.accuracy_K == 1.0  # not what the spray of gdi allows
         taken["run"] = scene.spray
         raise Reached
 

@@ -19,7 +19,7 @@ _COARSE = ("--trace-only", "--pixels", "48", "--accuracy", "8", "--set", "domain
 
 
 def _run(folder: Path, *words: str) -> str:
-    done = CliRunner().invoke(main, ["run", "gdi", *_COARSE, "--out", str(folder), *words])
+    done = CliRunner().invoke(main, ["run", "gdi-cone", *_COARSE, "--out", str(folder), *words])
     assert done.exit_code == 0, done.output
     return done.output.replace(str(folder), "RUN")
 

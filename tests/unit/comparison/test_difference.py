@@ -267,7 +267,7 @@ def test_a_run_beside_its_own_measurement(tmp_path: Path) -> None:
 
 
 def test_keys_that_differ() -> None:
-    gdi = load_scene("gdi")
+    gdi = load_scene("gdi-cone")
     other = gdi.with_(**{"walls.temperature_K": 500, "camera.pixels": [3, 4]})
     texts = [one.text for one in key_differences(gdi, other)]
     columns, rows = gdi.camera.pixels

@@ -18,7 +18,9 @@ NAMED: tuple[Any, ...] = ("isotropic", "mie", HenyeyGreenstein(henyey_greenstein
 
 
 def scene_of(**transport: Any) -> Scene:
-    return load_scene("gdi").with_(**{f"transport.{key}": one for key, one in transport.items()})
+    return load_scene("gdi-cone").with_(
+        **{f"transport.{key}": one for key, one in transport.items()}
+    )
 
 
 def _named(phase: Any) -> tuple[str, float | None]:

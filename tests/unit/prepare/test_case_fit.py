@@ -30,7 +30,7 @@ def spray_of(
 
 def scene_of(**changes: object) -> Scene:
     """A picture of 100 mm x 80 mm about a depth of 40 mm, before walls of 600 K."""
-    return load_scene("gdi").with_(
+    return load_scene("gdi-cone").with_(
         **{
             "camera.field_m": [0.1, 0.08],
             "camera.target_m": [0.0, 0.0, -0.04],

@@ -137,7 +137,7 @@ def test_cone_by_times(device: Device, tables: Path) -> None:
     """Three Gauss nodes, by runs of their own; the change grows with the square of the time."""
 
     def run(exposure: str, exposed_s: float, time_s: float = 0.5e-3) -> Run:
-        scene = cldit.load_scene("gdi").with_(
+        scene = cldit.load_scene("gdi-cone").with_(
             **{
                 "spray.time_s": time_s,
                 "camera.pixels": [40, 40],

@@ -21,7 +21,7 @@ PIXEL_M = (0.04, 0.03)
 
 
 def scene() -> Scene:
-    return load_scene("gdi").with_(
+    return load_scene("gdi-cone").with_(
         **{
             "camera.pixels": [4, 3],
             "camera.field_m": [0.16, 0.09],

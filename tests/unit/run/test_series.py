@@ -31,7 +31,7 @@ Behaviour = Callable[[Scene], float]
 
 
 def plan_of(*times: float) -> SeriesPlan:
-    scene = load_scene("gdi").with_(spray={"model": "cfd", "file": "none"})
+    scene = load_scene("gdi-cone").with_(spray={"model": "cfd", "file": "none"})
     scenes = {time: scene.with_(**{"spray.time_s": time}) for time in times}
     return SeriesPlan(scenes)
 
@@ -113,7 +113,7 @@ def test_names_of_times() -> None:
 
 def test_degrees_of_crank_angle_stay_numbers(tmp_path: Path) -> None:
     case = write_times(tmp_path / "case", {"-12.5": 4e-5, "0.5": 1e-4})
-    scene = load_scene("gdi").with_(spray={"model": "cfd", "file": str(case)})
+    scene = load_scene("gdi-cone").with_(spray={"model": "cfd", "file": str(case)})
     plan = SeriesPlan.of(scene, "all")
     assert list(plan.scenes) == [-12.5, 0.5]
     assert [plan.stamp(time) for time in plan.scenes] == ["-12.5", "  0.5"]
@@ -131,7 +131,7 @@ def test_degrees_of_crank_angle_stay_numbers(tmp_path: Path) -> None:
 
 
 def test_times_of_a_model() -> None:
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     plan = SeriesPlan.of(scene, "1ms, 0.5ms")
     assert [one.spray.time_s for one in plan.scenes.values()] == [0.5e-3, 1e-3]  # type: ignore[union-attr]
     delays = scene.with_(**{"plan.delays_s": [0.6e-3, 0.3e-3]})

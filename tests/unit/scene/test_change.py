@@ -19,7 +19,7 @@ COMMENTED_KEY = re.compile(r"^# (?=\s*(?:[A-Za-z_0-9]+:|- ))", re.MULTILINE)
 
 
 def test_a_path_changes_one_value_and_leaves_the_scene() -> None:
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     other = scene.with_(**{"walls.temperature_K": 500, "spray.plumes[2].mass_fraction": 2.0})
     assert other.walls.temperature_K == 500.0
     assert other.spray.plumes[2].mass_fraction == 2.0  # type: ignore[union-attr]
@@ -72,7 +72,7 @@ def test_sections_are_made_and_lists_counted() -> None:
 )
 def test_a_wrong_key_names_the_nearest(path: str, words: str) -> None:
     with pytest.raises(SceneError, match=re.escape(words)):
-        load_scene("gdi").with_(**{path: 1.0})
+        load_scene("gdi-cone").with_(**{path: 1.0})
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_a_wrong_key_names_the_nearest(path: str, words: str) -> None:
 )
 def test_messages_are_in_words_of_cldit(path: str, value: object) -> None:
     with pytest.raises(SceneError) as caught:
-        load_scene("gdi").with_(**{path: value})
+        load_scene("gdi-cone").with_(**{path: value})
     text = str(caught.value)
     assert path.split(".")[-1] in text
     for word in ("Input", "valid", "pydantic", "tuple", "dictionary", "instance"):
@@ -103,11 +103,13 @@ def test_messages_are_in_words_of_cldit(path: str, value: object) -> None:
 
 
 def test_a_file_on_a_base(tmp_path: Path) -> None:
-    (tmp_path / "hot.yaml").write_text("base: gdi\nwalls: {temperature_K: 600}\n", encoding="utf-8")
+    (tmp_path / "hot.yaml").write_text(
+        "base: gdi-cone\nwalls: {temperature_K: 600}\n", encoding="utf-8"
+    )
     (tmp_path / "two.yaml").write_text(
         "base: hot.yaml\ncamera: {pixels: 64}\ndescription: mine\n", encoding="utf-8"
     )
-    scene, gdi = load_scene(tmp_path / "two.yaml"), load_scene("gdi")
+    scene, gdi = load_scene(tmp_path / "two.yaml"), load_scene("gdi-cone")
     assert (scene.name, scene.description) == ("two", "mine")
     assert scene.walls.temperature_K == 600.0
     assert scene.camera.pixels == (64, 64)
@@ -148,7 +150,7 @@ def test_a_commented_scene_reads_as_the_same(name: str) -> None:
      ("spray.plumes.0", "cone_angle_deg", r"spray.plumes\[0\].cone_angle_deg")],
 )  # fmt: skip
 def test_assignment_is_refused_with_the_call_that_works(section: str, name: str, key: str) -> None:
-    here: Any = load_scene("gdi")
+    here: Any = load_scene("gdi-cone")
     for part in section.split(".") if section else ():
         here = here[int(part)] if part.isdigit() else getattr(here, part)
     before = getattr(here, name)
@@ -160,20 +162,20 @@ def test_assignment_is_refused_with_the_call_that_works(section: str, name: str,
 
 
 def test_tab_shows_keys_and_the_repr_is_short() -> None:
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     assert {"walls", "camera", "with_", "target_m"} <= set(dir(scene))
     assert not [name for name in dir(scene) if name.startswith(("model_", "_"))]
     assert "json" not in dir(scene) and dir(scene.walls) == ["temperature_K"]
     assert repr(scene.walls) == "Walls(temperature_K=450.0)" and repr(scene.camera) == "Camera()"
-    assert "'gdi': spray cone, 1000 x 1000 pixels" in repr(scene) and len(str(scene)) < 150
+    assert "'gdi-cone': spray cone, 1000 x 1000 pixels" in repr(scene) and len(str(scene)) < 150
 
 
 def test_short_options_are_those_of_the_command_line() -> None:
-    quick = chosen_scene("gdi", quick=True, pixels=64)
+    quick = chosen_scene("gdi-cone", quick=True, pixels=64)
     assert quick.camera.pixels == (64, 64) and quick.transport.accuracy_K == 4.0
-    assert chosen_scene("gdi", quick=True).camera.pixels == (128, 128)
-    wide = load_scene("gdi").with_(**{"camera.pixels": [1000, 800]})
+    assert chosen_scene("gdi-cone", quick=True).camera.pixels == (128, 128)
+    wide = load_scene("gdi-cone").with_(**{"camera.pixels": [1000, 800]})
     assert chosen_scene(wide, quick=True).camera.pixels == (128, 102)
     assert chosen_scene(quick, pixels=(30, 20)).camera.pixels == (30, 20)
     with pytest.raises(SceneError, match=r"camera\.pixels: 0 is outside"):
-        chosen_scene("gdi", pixels=0)
+        chosen_scene("gdi-cone", pixels=0)

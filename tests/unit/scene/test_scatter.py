@@ -13,7 +13,7 @@ from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.scatter import member, members_of, nominal
 
 
-def _scene(name: str = "gdi", **scatter: Any) -> Scene:
+def _scene(name: str = "gdi-cone", **scatter: Any) -> Scene:
     keys = {f"spray.scatter.{key}": value for key, value in scatter.items()}
     return load_scene(name).with_(**{"spray.scatter.members": 8, **keys})
 

@@ -110,5 +110,5 @@ def test_schema_refuses(wrong: dict[str, object]) -> None:
 
 def test_scenes_are_lean() -> None:
     """Descriptions cost no key: what is dumped is what it was."""
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     assert Scene.model_validate(yaml.safe_load(dump_scene(scene))) == scene

@@ -15,7 +15,7 @@ from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scen
 from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 from cldit.scene.spray import ConeSpray
 
-SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi-flow", "gdi", "methane-jet")
+SHIPPED = ("droplets-only", "empty", "gdi-cold", "gdi-cone", "gdi", "methane-jet")
 
 
 def _scene(**sections: Any) -> Scene:
@@ -195,6 +195,7 @@ def test_name_and_spray_are_needed() -> None:
 
 
 def test_unknown_scene_names_what_there_is() -> None:
+    assert load_scene("gdi-flow") == load_scene("gdi")  # its former name
     with pytest.raises(SceneError, match=r"gdi-colt: no such scene; did you mean gdi-cold\?"):
         load_scene("gdi-colt")
     with pytest.raises(SceneError, match=r"no such scene.*allowed: droplets-only, empty, gdi"):

@@ -97,7 +97,7 @@ class _Linear(_Model):
 
 def test_covariance_intervals_and_what_is_not_determined() -> None:
     """A straight problem: intervals are plus and minus one error; equal columns are not told."""
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     vary = tuple(
         Parameter.parse(text, scene)
         for text in ("walls.temperature_K=440:460", "spray.fuel_temperature_K=360:380")
@@ -137,16 +137,16 @@ def test_covariance_intervals_and_what_is_not_determined() -> None:
 )
 def test_parameters_that_are_refused(text: str, message: str) -> None:
     with pytest.raises(ClditError, match=message):
-        Parameter.parse(text, load_scene("gdi"))
+        Parameter.parse(text, load_scene("gdi-cone"))
 
 
 def test_a_prior_and_an_alias() -> None:
-    one = Parameter.parse("fuel.temperature_K=350:390:372:4", load_scene("gdi"))
+    one = Parameter.parse("fuel.temperature_K=350:390:372:4", load_scene("gdi-cone"))
     assert one.key == "spray.fuel_temperature_K" and one.prior == (372.0, 4.0)
 
 
 def test_seven_keys_are_refused(tmp_path: Path) -> None:
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     one = Parameter.parse("walls.temperature_K=400:500", scene)
     for several in ([], [one] * 2, [one] * 7):
         with pytest.raises(StudyError, match=r"allowed: 1\.\.6 different keys"):

@@ -14,7 +14,7 @@ from cldit.study.grid import Grid
 
 @pytest.fixture(scope="module")
 def gdi() -> Scene:
-    return load_scene("gdi")
+    return load_scene("gdi-cone")
 
 
 def test_ranges_and_lists() -> None:

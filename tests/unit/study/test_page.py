@@ -73,7 +73,7 @@ def _page() -> StudyPage:
             Verdict(claim="good", value=0.5, unit="K", high=1.0, why="never shown"),
             Verdict(claim="bad", value=2.0, unit="K", high=1.0, why="for a reason"),
         ),
-        scenes={"gdi": load_scene("gdi")},
+        scenes={"gdi": load_scene("gdi-cone")},
         quick=True,
     )
 

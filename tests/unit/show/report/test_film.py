@@ -90,7 +90,7 @@ def test_one_scale_holds_all() -> None:
 
 
 def times() -> tuple[SeriesPlan, list[SeriesTime]]:
-    scene = load_scene("gdi")
+    scene = load_scene("gdi-cone")
     nan = math.nan
     row = DelayRow(1e-3, 12, 480.5, nan, 0.25, nan)
     spray = {"liquid_mass_kg": 1e-6, "liquid_penetration_95_m": 0.02, "other": 3.0}

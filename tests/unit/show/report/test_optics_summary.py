@@ -19,7 +19,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture(scope="module")
 def gdi(tables: Path) -> SceneOptics:
-    return scene_optics(load_scene("gdi"), cache=tables)
+    return scene_optics(load_scene("gdi-cone"), cache=tables)
 
 
 def test_the_four_rows_of_the_papers_table() -> None:

@@ -136,8 +136,8 @@ def kinds(tables: Path) -> Iterator[tuple[str, Figure]]:
         Row("source", f"cells, {edge} mm", "isotropic", 1.0, 9.0, 9.0, 50.0 * edge, edge, 9.0)
         for edge in (0.05, 0.051, 0.4, 1.0, 1.01)
     ]
-    yield "error of methods", error_figure(load_scene("gdi"), points)
-    for name in ("gdi", "methane-jet"):
+    yield "error of methods", error_figure(load_scene("gdi-cone"), points)
+    for name in ("gdi-cone", "methane-jet"):
         yield f"optics: {name}", optics_figure(scene_optics(load_scene(name), cache=tables))
 
 

@@ -17,7 +17,7 @@ from tests.cones import cone_spray
 
 def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch, device: Device) -> None:
     """Merged by one stable sort: the same sums, to the last bit, as by a dictionary of parts."""
-    spec = load_scene("gdi").spray.model_copy(update={"spacing_m": 1.5e-3})
+    spec = load_scene("gdi-cone").spray.model_copy(update={"spacing_m": 1.5e-3})
     assert isinstance(spec, ConeSpray)
     made: list[Any] = []
     filled = cone._filled

@@ -130,7 +130,7 @@ def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_
 
 
 def test_masses_are_exact_and_notes_tell_them() -> None:
-    spec = load_scene("gdi").spray
+    spec = load_scene("gdi-cone").spray
     assert isinstance(spec, ConeSpray)
     spray = cone_spray(spec)
     assert _mass(spray) == pytest.approx(10e-6, rel=1e-12)
@@ -207,7 +207,7 @@ def test_liquid_as_openfoam_has_it() -> None:
 
 def test_sauter_diameter_changes_on_the_way() -> None:
     """Small droplets vanish first, which at first outweighs that the others shrink."""
-    spec = load_scene("gdi").spray
+    spec = load_scene("gdi-cone").spray
     assert isinstance(spec, ConeSpray)
     parcels = cone_spray(spec).parcels
     assert parcels is not None

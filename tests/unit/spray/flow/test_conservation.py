@@ -71,6 +71,7 @@ def test_mass_momentum_and_energy_of_a_spray(device: Device, kind: str, name: st
         pressure_Pa=0.4e6,
         temperature_K=700.0,
         device=device,
+        real=np.float64 if device.info.float64 else np.float32,
     )
     cloud = Cloud(spec, injection, flow, fuel=fuel, carrier=carrier)
     cloud.give_birth(1e-12)
