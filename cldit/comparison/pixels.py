@@ -169,7 +169,11 @@ def _averaged_recording(
     if independent is not None:
         error_K = mean_square(steep**2 * np.nan_to_num(independent)) / slope**2
         error_K = np.sqrt(error_K + sum((part.kelvin**2 for part in common), 0.0))
+    covariance = mean_square(steep * np.nan_to_num(fine.independent_covariance_K)) / slope
+    covariance = covariance + sum((part.kelvin * part.emissivity for part in common), 0.0)
     nothing = np.full(whole.shape, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.where(seen, covariance / (np.sqrt(square_e) * error_K), np.nan)
     images = {
         "emissivity": whole,
         "apparent_temperature_K": np.where(seen, warm, np.nan),
@@ -177,6 +181,7 @@ def _averaged_recording(
         "apparent_temperature_standard_error_K": np.where(seen, error_K, np.nan),
         "reduced_chi2": nothing,
         "fit_probability": nothing,
+        "error_correlation": correlation,
     }
     reason = np.where(seen, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)
     return replace(

@@ -72,6 +72,20 @@ class Shown:
         return np.maximum(square, 0.0)
 
     @property
+    def independent_covariance_K(self) -> Image:
+        """Covariance (H, W) of the errors of emissivity and T_app that pixels do not share; NaN if
+        their correlation is unknown."""
+        maps = self.maps
+        both: Image = (
+            maps.error_correlation.astype(np.float64)
+            * maps.emissivity_standard_error
+            * maps.apparent_temperature_standard_error_K
+        )
+        for part in self.common:
+            both = both - np.nan_to_num(part.kelvin) * np.nan_to_num(part.emissivity)
+        return both
+
+    @property
     def grid(self) -> str:
         """Description of the pixels."""
         rows, columns = self.maps.emissivity.shape

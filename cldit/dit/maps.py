@@ -40,6 +40,8 @@ _TEXT = {
     Reason.NEGATIVE_RADIANCE: "no emission above zero within noise: no apparent temperature",
 }
 
+_SINCE_0_3 = "error_correlation"
+
 UNITS = {
     "emissivity": "1",
     "emissivity_standard_error": "1",
@@ -48,6 +50,7 @@ UNITS = {
     "reason": "code",
     "reduced_chi2": "1",
     "fit_probability": "1",
+    "error_correlation": "1",
 }
 
 
@@ -62,6 +65,8 @@ class Maps:
     reduced_chi2: of the two lines over the backgrounds, about 1 if the errors are right; NaN with
         two backgrounds or without noise. fit_probability: probability of this or a larger value by
         chance; near 0 where the pixel does not follow the measurement equation.
+    error_correlation: of the errors of emissivity and T_app; NaN without noise, and in maps of
+        cldit before 0.3.
     """
 
     emissivity: Image
@@ -71,13 +76,14 @@ class Maps:
     reason: NDArray[np.uint8]
     reduced_chi2: Image
     fit_probability: Image
+    error_correlation: Image
 
     @classmethod
     def unevaluated(cls, shape: tuple[int, int], reason: Reason) -> "Maps":
         """Maps of this `shape` without any value, for one `reason`."""
         nothing = np.full(shape, np.nan, np.float32)
         codes = np.full(shape, int(reason), np.uint8)
-        return cls(nothing, nothing, nothing, nothing, codes, nothing, nothing)
+        return cls(nothing, nothing, nothing, nothing, codes, nothing, nothing, nothing)
 
     @property
     def has_temperature(self) -> NDArray[np.bool_]:
@@ -131,6 +137,9 @@ class Maps:
         Raises:
             RunFolderError: a file is missing or damaged.
         """
-        return cls(
-            **{item.name: read_image(folder / f"{item.name}.tif")[0] for item in fields(cls)}
-        )
+        names = [item.name for item in fields(cls)]
+        if not (folder / f"{_SINCE_0_3}.tif").exists():
+            names.remove(_SINCE_0_3)
+        images = {name: read_image(folder / f"{name}.tif")[0] for name in names}
+        unknown = np.full(images["emissivity"].shape, np.nan, np.float32)
+        return cls(**{_SINCE_0_3: unknown, **images})

@@ -426,6 +426,12 @@ def _maps(
         reduced = np.where(spare, lines.chi2 / degrees, np.nan)
         chance = np.where(spare, chdtrc(np.maximum(degrees, 1), lines.chi2), np.nan)
 
+    covariance = np.einsum(
+        "ni,nij,nj->n", emissivity_gradient(lines), lines.covariance, radiance_gradient(lines)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # 0 / 0 without noise
+        correlation = covariance / np.sqrt(epsilon_variance * radiance_variance)
+
     def image(value: Floats) -> NDArray[np.float32]:
         with np.errstate(over="ignore"):  # an error beyond single precision is infinite
             return value.astype(np.float32).reshape(shape)
@@ -438,4 +444,5 @@ def _maps(
         reason=reason.reshape(shape),
         reduced_chi2=image(reduced),
         fit_probability=image(chance),
+        error_correlation=image(np.where(reason == Reason.OK, correlation, np.nan)),
     )

@@ -27,6 +27,7 @@ _LONG = {
     "reason": "why a pixel has no value",
     "reduced_chi2": "of the lines over the backgrounds",
     "fit_probability": "that chance alone makes the residuals as large",
+    "error_correlation": "of the errors of emissivity and apparent temperature",
 }
 _STANDARD = {
     "apparent_temperature_K": "brightness_temperature",

@@ -1,15 +1,19 @@
 """Differences of two results in radiance, in standard errors, for least squares.
 
-A pixel has two numbers, its emissivity e and its differential radiance in front of a background,
-y = e (B(T_app) - x), x the mean radiance that leaves the backgrounds, weighted by the camera's
-noise. Unlike T_app they are linear in the light, also where the spray is thin. The estimates of
-slope and middle of a straight line are independent of each other, so that with r = B(T_app)
+A pixel has two numbers, its emissivity e and its differential radiance, y = e (B(T_app) - x), with
+a radiance x of each pixel. Unlike T_app they are linear in the light, also where the spray is thin.
+Errors of T_app and emissivity change y by
 
-    var(y) = e^2 var(r) - (r - x)^2 var(e)
+    dy = e B'(T_app) dT + (r - x) de,    r = B(T_app)
 
-and errors of all pixels in common (`Shown.common`, `systematic`) change them by
+and their covariance c, which the evaluation states, gives the x for which the errors of y and e are
+independent:
 
-    dy = e B'(T_app) dT + (r - x) de.
+    x = r + e B' c / var(e)
+
+Camera noise alone puts it between the backgrounds (their middle, weighted by the noise), scatter of
+the amount of spray, which leaves T_app as it is, at r. It is kept between the darkest and the
+brightest of these. Where c is unknown, the largest that is possible counts against y.
 """
 
 from __future__ import annotations
@@ -21,7 +25,6 @@ import numpy as np
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
-from cldit.camera.sensor import SensorModel
 from cldit.comparison.pixels import together
 from cldit.comparison.shown import Shown
 from cldit.comparison.tested import seen_in_both
@@ -30,7 +33,7 @@ from cldit.errors import EvaluationError
 from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Boundary, Surroundings
 
-_LEAST = 0.1  # of e^2 var(r): the correlation of r and e is known from the scene's sensor alone
+_LEAST = 0.01  # of (e B')^2 var(T_app): the correlation is that of an estimate
 _LEAST_PIXELS = 4
 
 
@@ -81,18 +84,20 @@ class RadianceData:
         kelvin = first.maps.apparent_temperature_K[where].astype(float)
         emissivity = first.maps.emissivity[where].astype(float)
         radiance = curve.radiance(kelvin)
-        leaving = around.leaving(scene.background.temperatures_K)[:, None]
-        camera = SensorModel.from_scene(scene).calibration()
-        noise = [
-            camera.variance_counts2(camera.counts(around.seen(inside)))
-            for inside in (leaving, (1.0 - emissivity) * leaving + emissivity * radiance)
-        ]
-        weight = 1.0 / (noise[0] + noise[1])
-        middle = np.sum(weight * leaving, axis=0) / np.sum(weight, axis=0)
-        over = radiance - middle
+        leaving = around.leaving(scene.background.temperatures_K)
         steep = emissivity * curve.slope(kelvin)
-        whole = steep**2 * square_K2[where]
-        of_y = np.maximum(whole - over**2 * spread[where], _LEAST * whole)
+        of_e, of_t = spread[where], square_K2[where]
+        most = np.sqrt(of_e * of_t)
+        covariance = np.clip(first.independent_covariance_K[where], -most, most)
+        known = np.isfinite(covariance)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            middle = np.where(known, radiance + steep * covariance / of_e, leaving.mean())
+        darkest, brightest = leaving.min(), np.maximum(leaving.max(), radiance)
+        middle = np.clip(np.nan_to_num(middle), darkest, brightest)
+        over = radiance - middle
+        whole = steep**2 * of_t
+        both = steep * np.where(known, over * np.nan_to_num(covariance), np.abs(over) * most)
+        of_y = np.maximum(whole + over**2 * of_e + 2.0 * both, _LEAST * whole)
         error_K = second.error_map_K
         own = np.full(where.shape, second.error_K or 0.0) if error_K is None else error_K
         of_y = of_y + (steep * np.nan_to_num(own[where])) ** 2

@@ -220,7 +220,8 @@ def test_errors_of_two_walls_by_brute_force(walls: tuple[float, float]) -> None:
         error = one.apparent_temperature_standard_error_K[row].astype(float)
         image = (kelvin + error * rng.standard_normal((2000, kelvin.size))).astype(np.float32)
         empty = np.zeros_like(image)
-        drawn.append(Maps(empty, image, empty, empty, empty.astype(np.uint8), empty, empty))
+        codes = empty.astype(np.uint8)
+        drawn.append(Maps(empty, image, empty, empty, codes, empty, empty, empty))
     found = medium_of_enclosures(drawn, light, CURVE).temperature_K
     error = stated.standard_error_K[row]
     good = np.isfinite(error) & (error < 3.0) & np.isfinite(found).all(axis=0)

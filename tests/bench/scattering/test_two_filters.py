@@ -54,7 +54,7 @@ def test_the_table_is_the_slab() -> None:
 def _maps(emissivity: Image, kelvin: Image, error_K: float) -> Maps:
     blank = np.zeros_like(emissivity)
     error = np.full(emissivity.shape, error_K, np.float32)
-    return Maps(emissivity, kelvin, blank, error, blank.astype(np.uint8), blank, blank)
+    return Maps(emissivity, kelvin, blank, error, blank.astype(np.uint8), blank, blank, blank)
 
 
 def _bands(depth: np.ndarray, size_um: np.ndarray, error_K: float = 0.05) -> tuple[Band, Band]:

@@ -37,7 +37,7 @@ def maps(t_app: NDArray[np.float64], emissivity: float = 0.5) -> Maps:
     one = np.full(t_app.shape, emissivity, np.float32)
     error = np.full(t_app.shape, 0.5, np.float32)
     reason = np.where(np.isfinite(warm), 0, 5).astype(np.uint8)
-    return Maps(one, warm, error, error, reason, error, error)
+    return Maps(one, warm, error, error, reason, error, error, error)
 
 
 def shown(t_app: NDArray[np.float64], **more: Any) -> Shown:

@@ -27,7 +27,7 @@ def plume(angle_deg: float) -> Maps:
     emissivity = np.exp(-((off / 3.0) ** 2)).astype(np.float32)
     warm = (400.0 + along).astype(np.float32)
     error = np.full(warm.shape, 0.25, np.float32)
-    return Maps(emissivity, warm, error, error, np.zeros(warm.shape, np.uint8), error, error)
+    return Maps(emissivity, warm, error, error, np.zeros(warm.shape, np.uint8), error, error, error)
 
 
 # The tip, (0, 0), is the middle of the top row.

@@ -34,7 +34,7 @@ def maps() -> Maps:
     values = [np.full(SHAPE, number, np.float32) for number in range(6)]
     emissivity, temperature, error, error_K, chi2, chance = values
     reason = np.zeros(SHAPE, np.uint8)
-    return Maps(emissivity, temperature, error, error_K, reason, chi2, chance)
+    return Maps(emissivity, temperature, error, error_K, reason, chi2, chance, chance)
 
 
 def weights() -> Weights:

@@ -47,6 +47,7 @@ def _maps(emissivity: NDArray[np.floating], temperature_K: NDArray[np.floating])
         reason=np.where(known, Reason.OK, Reason.BACKGROUND_NOT_VISIBLE).astype(np.uint8),
         reduced_chi2=np.ones(emissivity.shape, np.float32),
         fit_probability=np.full(emissivity.shape, 0.5, np.float32),
+        error_correlation=np.zeros(emissivity.shape, np.float32),
     )
 
 
