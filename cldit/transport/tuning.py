@@ -20,6 +20,11 @@ class Tuning:
 
     A field's metadata has `trades`, the effects of a larger or smaller value, and `shown_by`, the
     command or page that shows them. Optical depths are those of a cell's edge.
+
+    The error that a number leaves is in the source `trace` of the stated error, which the audit by
+    `path` measures, unless the comment of its group says otherwise. The paths of the final gather
+    end by their weight alone, whatever the brightness of the sources beyond; the audit measures
+    that error, too. The only such number of `path` itself is `neglected`.
     """
 
     # Ordinates and tolerance for an accuracy (settings_for).
@@ -28,7 +33,8 @@ class Tuning:
     tolerance: float = _number(6e-4, "of the source for 0.1 K: iterations, its error", SOLVER)
     tolerance_most: float = _number(3e-4, "largest tolerance for any accuracy", SOLVER)
 
-    # Iteration to a residual.
+    # Iteration to a residual, a weight. The defect correction removes what solver_rough leaves; the
+    # numbers of vectors and iterations change the time alone.
     solver_share: float = _number(1 / 8, "ordinates of GMRES: time, remaining defect", ABLATION)
     solver_fewest: int = _number(16, "its fewest: the error of 8 in slabs is 0.1 %", ERROR)
     solver_rough: float = _number(1e-2, "RMS error before the defect correction", SOLVER)
@@ -54,9 +60,10 @@ class Tuning:
     blurred_boundary: bool = _number(True, "boundary blurred by the forward peak: bias", ABLATION)
     moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 
-    # Ends of rays, where no cutoff is given. Light beyond is no error source, as it is negligible.
+    # Ends of rays, where no cutoff is given. A hundredth of accuracy_K adds 5e-5 of the stated RMS
+    # error in quadrature, and is therefore no source; by the temperatures of all that emits.
     neglected: float = _number(0.01, "of accuracy_K, by the light beyond: error, time", ERROR)
-    # A hundredth of the 0.01 to which emissivities are reported.
+    # Likewise a hundredth of an emissivity's error of 0.01.
     neglected_emissivity: float = _number(1e-4, "largest transmission: its error, time", ERROR)
 
     # Extinction within cells.
@@ -88,12 +95,14 @@ class Tuning:
     paths: float = _number(1e8, "largest number in an image: core-minutes", ERROR)
     path_segments: float = _number(1e8, "largest number in an image: core-minutes", STABILITY)
     noise_tile: int = _number(12, "pixels along a tile whose noise is estimated", ERROR)
+    # Half of accuracy_K is a quarter of its square; the halves of the image state it.
     noise_share: float = _number(0.5, "of accuracy_K, allowed for the noise of paths", ERROR)
     noise_bright: float = _number(
-        3.0, "ratio of noise with walls as bright as the cells to the scene's", ERROR
+        3.0, "ratio of noise with walls as warm as the medium to the scene's", ERROR
     )
 
-    # Path tracing, and the audit that it makes.
+    # Path tracing, which is unbiased, and the audit that it makes. One standard error of the audit
+    # is added to its estimate: a tenth of accuracy_K adds 0.5 % to an error of accuracy_K.
     path_roulette: float = _number(0.4, "weight below which its paths may end", ERROR)
     path_scatterings: int = _number(2**20, "after which a path is ended: time, bias", STABILITY)
     batches: int = _number(4, "fewest batches of samples for an error estimate", ERROR)
@@ -108,5 +117,5 @@ class Tuning:
     # Sampling error within pixels.
     subpixels: int = _number(256, "pixels of many rays: error of the estimate, time", ERROR)
 
-    # Energy balance.
+    # Energy balance: a larger departure ends the run with an error.
     closure: float = _number(1e-3, "error of the balance in single precision", STABILITY)
