@@ -283,9 +283,9 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     """The same pixels and cells at another order: only the trace's own errors are independent."""
     run = open_run(WRITTEN)
     causes = (
-        Cause("cells", 3.0, "", shared_by="cells"),
-        Cause("pixel sampling", 2.0, "", shared_by="pixels"),
-        Cause("trace", 0.5, "", shared_by="seed"),
+        Cause("cells", 3.0, "", shared_by="cells", emissivity=0.04),
+        Cause("pixel sampling", 2.0, "", shared_by="pixels", emissivity=0.02),
+        Cause("trace", 0.5, "", shared_by="seed", emissivity=0.01),
         Cause("gas grid", None, "", shared_by="spray"),
     )
     run = replace(run, folder=None, info=replace(run.info, errors=Errors(causes)), error_maps={})
@@ -294,6 +294,7 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     found = difference(run, other)
     assert found.shared == ("cells", "gas grid", "pixel sampling")
     assert found.unshared_K == (0.5, 0.5) and not found.at_least
+    assert found.unshared_emissivity == (0.01, 0.01)
     assert found.stated_K == pytest.approx((13.25**0.5, 13.25**0.5))
     camera = run.scene.camera.model_copy(update={"rays_per_pixel": 4})
     finer = replace(run, scene=run.scene.model_copy(update={"camera": camera}))

@@ -64,6 +64,14 @@ def test_maps_name_their_errors_and_codes() -> None:
         "simulation_error_size_classes_K",
     }
     assert "simulation" not in more.emissivity.ancillary_variables
+    both = labelled(scene(), maps(), pixel_m=PIXEL_M, emissivity_error_maps=every)
+    assert both.emissivity_simulation_error.units == "1"
+    assert set(both.emissivity.ancillary_variables.split()) == {
+        "emissivity_standard_error",
+        "reason",
+        "emissivity_simulation_error",
+        "emissivity_simulation_error_size_classes",
+    }
     assert data.reason.flag_meanings.split()[Reason.SATURATED] == "saturated"
     assert "weight_background" not in data
 
