@@ -131,11 +131,11 @@ FAULTS = {
         "droplets.cl",
     ),
     "gas mixes 1 % too much": Fault(
-        "float64 spray", "WRITE(viscosity, eddy + at);", "WRITE(R(1.01) * viscosity, eddy + at);",
+        "float32 spray", "WRITE(viscosity, eddy + at);", "WRITE(R(1.01) * viscosity, eddy + at);",
         "gas_eddies.cl eddies: eddy",
     ),
     "voxels have 1 % too little vapour": Fault(
-        "float64 spray", "*voxel = (real2)(mass", "*voxel = (real2)(R(0.99) * mass",
+        "float32 spray", "*voxel = (real2)(mass", "*voxel = (real2)(R(0.99) * mass",
         "vapour_lattice.cl vapour_lattice: voxels",
     ),
 }  # fmt: skip
