@@ -99,6 +99,22 @@ def test_the_state_after_a_step(gas_flow: GasFlow) -> None:
     assert_close(flow.read("mass"), after, real, roundings=8)
 
 
+def test_a_jet_of_gas_has_the_kinetic_energy_of_its_share(gas_flow: GasFlow) -> None:
+    """Enthalpies at rest are higher by (Y u)^2 / 2; the tolerance is that of the test above."""
+    flow, real, gas, speed = gas_flow, gas_flow.fields.real, mixture(), 600.0
+    after = drawn(flow, low=2.0, high=5.0) * flow.grid.volume_m3
+    share, kelvin = drawn(flow, low=0.0, high=0.4), drawn(flow, low=400.0, high=650.0)
+    rest = gas.enthalpy_J_kg(share, kelvin) + 0.5 * (share * speed) ** 2
+    for name, planes in (
+        ("after", after), ("carried", after), ("values", np.stack([share, rest])),
+        ("force", np.zeros((3, *after.shape))), ("temperature", kelvin + 20.0),
+    ):  # fmt: skip
+        put(flow, name, planes)
+    launch(flow, "state", "finish", jet_speed=speed)
+    eps = float(np.finfo(real).eps)
+    assert np.abs(flow.read("temperature") - kelvin).max() < 1e-6 + (3000 + 16 * 650) * eps
+
+
 def test_sums_and_compression(gas_flow: GasFlow) -> None:
     """The sum of a plane without padded cells; enthalpy rises by V dp."""
     flow, real, step_s = gas_flow, gas_flow.fields.real, 1e-5

@@ -15,7 +15,14 @@ from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.injector import Hole, Injection, plume_axis, released_share
+from cldit.spray.flow.injector import (
+    Hole,
+    Injection,
+    hole_flows,
+    plume_axis,
+    pressure_drop_Pa,
+    released_share,
+)
 from cldit.spray.flow.mixture import LOWEST_K
 from cldit.spray.flow.notional_nozzle import Expansion, expand
 from cldit.spray.flow.parcels import FlyingParcels, REACH_m
@@ -31,12 +38,7 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
     Raises SprayError if the fuel is no gas, or if the pressure does not drive its flow.
     """
     _check_gas(spec, fuel)
-    drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
-    if drop <= 0:
-        raise SprayError(
-            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
-            f"pressure of the gas, {spec.ambient.pressure_Pa:g}"
-        )
+    pressure_drop_Pa(spec)
     jet = expand(
         fuel,
         stagnation_Pa=spec.injection_pressure_Pa,
@@ -52,16 +54,7 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
             "spray.injection_pressure_Pa"
         )
     times, given = released_share(spec)
-    top = float(np.max(np.diff(given) / np.diff(times))) * spec.injected_mass_kg
-    shares = np.array([plume.mass_fraction for plume in spec.plumes])
-    shares /= shares.sum()
-    coefficient = top / (len(shares) * np.pi / 4 * spec.hole_diameter_m**2 * jet.flux_kg_m2_s)
-    if coefficient > 1:
-        raise SprayError(
-            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times the "
-            f"flow that the pressure drives through {len(shares)} holes of "
-            f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
-        )
+    top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=jet.flux_kg_m2_s)
     flowing = np.flatnonzero(np.diff(given) > 0)
     none = np.empty(0)
     return Injection(

@@ -62,25 +62,9 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     sizes = spec.droplets
     assert sizes is not None, "a gas is injected by gas_jets.inject_gas"
     density = float(fuel.liquid.one("density", spec.fuel_temperature_K))
-    drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
-    if drop <= 0:
-        raise SprayError(
-            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
-            f"pressure of the gas, {spec.ambient.pressure_Pa:g}"
-        )
-    speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))
+    speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * pressure_drop_Pa(spec) / density))
     times, released = released_share(spec)
-    shares = np.array([plume.mass_fraction for plume in spec.plumes])
-    shares /= shares.sum()
-    top = float(np.max(np.diff(released) / np.diff(times))) * spec.injected_mass_kg
-    area = np.pi / 4 * spec.hole_diameter_m**2
-    coefficient = top / (len(shares) * area * density * speed)
-    if coefficient > 1:
-        raise SprayError(
-            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times the "
-            f"flow that the pressure drives through {len(shares)} holes of "
-            f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
-        )
+    top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=density * speed)
     typical = float(fuel.mass_kg(mean_diameter_m(sizes, 3, 0), spec.fuel_temperature_K))
     wanted = spec.injected_mass_kg / (typical * spec.droplets_per_parcel)
     if wanted > MOST_PARCELS:
@@ -131,6 +115,33 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
         position_m=position,
         velocity_m_s=speed * direction,
     )
+
+
+def pressure_drop_Pa(spec: LagrangianSpray) -> float:
+    """Pressure that drives the injection; raises SprayError if there is none."""
+    drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
+    if drop <= 0:
+        raise SprayError(
+            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
+            f"pressure of the gas, {spec.ambient.pressure_Pa:g}"
+        )
+    return drop
+
+
+def hole_flows(spec: LagrangianSpray, *, flux_kg_m2_s: float) -> tuple[float, float, Floats]:
+    """Largest flow in kg/s, its ratio to that of a flux which fills all holes, and the share of
+    each hole (H,); raises SprayError if the ratio exceeds 1."""
+    times, released = released_share(spec)
+    shares = np.array([plume.mass_fraction for plume in spec.plumes])
+    top = float(np.max(np.diff(released) / np.diff(times))) * spec.injected_mass_kg
+    coefficient = top / (len(shares) * np.pi / 4 * spec.hole_diameter_m**2 * flux_kg_m2_s)
+    if coefficient > 1:
+        raise SprayError(
+            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times the "
+            f"flow that the pressure drives through {len(shares)} holes of "
+            f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
+        )
+    return top, coefficient, shares / shares.sum()
 
 
 def released_share(spec: LagrangianSpray) -> tuple[Floats, Floats]:

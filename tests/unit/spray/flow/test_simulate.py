@@ -199,7 +199,7 @@ def test_impossible_input_is_refused(
 def test_gas_above_the_critical_pressure(device: Device, tables: Path) -> None:
     """ECN's Spray A: n-dodecane (1.82 MPa, 658 K) of 363 K through 90 um into 6 MPa and 900 K. The
     fuel is conserved, droplets stay where the liquid has properties, and a remark says so.
-    Siebers' formula (SAE 1999-01-0528) has some 10 mm of liquid; half to twice, on 4 mm of gas."""
+    Siebers' formula (SAE 1999-01-0528) has 7.8 mm of liquid; 0.64 to 2.6 times, on 4 mm of gas."""
     spec = LagrangianSpray(
         fuel="n-dodecane",
         fuel_temperature_K=363.0,
