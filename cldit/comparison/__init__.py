@@ -2,10 +2,9 @@
 
 `shown.py` opens a result as maps with their position and errors. `shared.py` removes the errors
 that two of them have in common, `lines.py` adds systematic errors of simulations. `pixels.py`
-brings both onto the same pixels, and `registration.py` finds the view from the images.
-`difference.py` subtracts them, by region (`regions.py`), and tests the difference
-(`chi_square.py`). `compare.py` does so for several, and refuses what has no meaning; `shape.py`
-measures penetration and areas, `keys.py` lists the keys that differ.
+brings both onto the same pixels, `registration.py` into one view. `difference.py` subtracts them;
+`tested.py` tests the difference by region, `permutation.py` injections on both sides. `causes.py`
+finds what explains it, `verdict.py` puts it into words. `compare.py` does so for several.
 """
 
 from cldit.comparison.compare import Comparison, compare

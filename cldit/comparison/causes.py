@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,13 +36,9 @@ _CLEAR = 9.0  # of chi-square: the size of a cause is 3 of its errors or more
 _BY_CHANCE = 3.84  # of chi-square: causes that explain as much with a probability of 5 %
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A temperature that may differ: change (H, W) of a difference if it is so many kelvin higher
-    in the second result."""
-
-    name: str
-    change: Callable[[float], Floats] = field(repr=False)
+# Name of a temperature, and change (H, W) of the difference if it is so many kelvin higher in the
+# second result.
+Trial = tuple[str, Callable[[float], Floats]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,12 +83,12 @@ def trials(
             def change(kelvin: float, key: str = key) -> Floats:
                 return sign * (before - onto(_evaluated(trace, {key: -sign * kelvin})))
 
-            yield Trial(name, change)
+            yield name, change
     stated = any("black body" in part.name for each in seen for part in each.systematic)
     for shown, sign in zip(seen, (-1.0, 1.0), strict=True):
         scene = shown.scene or (shown.traced and shown.traced.scene)
         if shown.noisy and scene and not stated:
-            yield Trial("background", _background(shown, scene_filter(scene), sign))
+            yield "background", _background(shown, scene_filter(scene), sign)
             return
 
 
@@ -154,16 +150,16 @@ def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Ca
     left = float(z @ z - (b @ z) @ np.linalg.solve(inner, b @ z))
     beyond = max(left - len(z), 1.0) / even
     found = []
-    for trial in tried:
-        kelvin, before_K = trial.change(_STEP_K) / _STEP_K, math.inf
+    for name, change in tried:
+        kelvin, before_K = change(_STEP_K) / _STEP_K, math.inf
         for _ in range(_MOST_OFTEN):
             size, weight = size_of(kelvin)
             size = float(np.clip(size, -_FARTHEST_K, _FARTHEST_K))
             if abs(size - before_K) < _ENOUGH * abs(size) or abs(size) < _LEAST_K:
                 break
-            kelvin, before_K = trial.change(size) / size, size
+            kelvin, before_K = change(size) / size, size
         error = max(weight, 1e-12) ** -0.5
-        found.append((size**2 * weight, trial.name, "K", kelvin, size, error))
+        found.append((size**2 * weight, name, "K", kelvin, size, error))
     for mode in modes:
         size, weight = size_of(mode.kelvin)
         if abs(size) <= _LARGEST:

@@ -33,10 +33,7 @@ def permutation_p(one: Floats, other: Floats) -> float:
         return 1.0
 
     def statistic(sides: Floats) -> Floats:
-        """Squared distances (P,) of the means, for members of the first side marked in (P, n + m).
-
-        The scores have the mean 0, so that the distance is proportional to the first one's sum.
-        """
+        """Squared sums (P,) of scores, of mean 0, over the members marked in (P, n + m)."""
         return np.asarray(np.sum((sides @ scores) ** 2, axis=1))
 
     marked = np.zeros((1, len(both)))

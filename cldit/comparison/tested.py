@@ -32,8 +32,7 @@ _LEAST_PIXELS = 4  # of a region
 class RegionDifference:
     """Difference of T_app in a region of the spray, and its test by the errors.
 
-    All numbers are None if they cannot be told: in fewer than 4 pixels, or without stated errors.
-
+    All numbers are None in fewer than 4 pixels, or without stated errors.
     effective_pixels: number of independent pixels with the same scatter of chi-square.
     mean_error_K: standard error of the mean. chi2_reduced: chi-square per pixel, 1 if the errors
     explain the difference. p_value: probability of a larger difference by the errors alone. seen_K:
@@ -111,8 +110,12 @@ def tested(change_K: Floats, one: Shown, other: Shown, of_view: Sequence[Floats]
     first, second = (each.independent_K2 for each in (one, other))
     nothing = np.full(change_K.shape, np.nan)
     if first is None or second is None:
+        known = np.isfinite(change_K)
         return Tested(
-            regions={name: _untested(change_K, where) for name, where in regions.items()},
+            regions={
+                name: RegionDifference(pixels=int(np.count_nonzero(where & known)))
+                for name, where in regions.items()
+            },
             modes=(),
             own_K=nothing,
             error_K=nothing,
@@ -174,17 +177,6 @@ def _region(
         chi2_reduced=found.reduced,
         p_value=found.p_value,
         seen_K=found.seen,
-    )
-
-
-def _untested(change_K: Floats, where: Mask) -> RegionDifference:
-    values = change_K[where & np.isfinite(change_K)]
-    if len(values) < _LEAST_PIXELS:
-        return RegionDifference(pixels=len(values))
-    return RegionDifference(
-        pixels=len(values),
-        rms_K=float(np.sqrt(np.mean(values**2))),
-        mean_K=float(np.mean(values)),
     )
 
 
