@@ -409,8 +409,8 @@ def _maps(
     epsilon_error = np.sqrt(epsilon_variance)
     reason = np.zeros(backgrounds.shape, np.uint8)
     # The last assignment wins; comparisons with NaN are False, hence the negations.
-    own = lines.values[:, 3] - lines.values[:, 1]  # light of the spray itself
-    reason[~((radiance > 0.0) & (own > rounding))] = Reason.NEGATIVE_RADIANCE
+    spray_light = lines.values[:, 3] - lines.values[:, 1]  # light of the spray itself
+    reason[~((radiance > 0.0) & (spray_light > rounding))] = Reason.NEGATIVE_RADIANCE
     clear = np.clip(DETECTION * epsilon_error, LEAST_EMISSIVITY, least_visible)
     reason[~(epsilon > clear)] = Reason.EMISSIVITY_TOO_LOW
     reason[~(lines.values[:, 0] >= VISIBLE_DISC)] = Reason.BACKGROUND_NOT_VISIBLE
