@@ -224,6 +224,11 @@ def solve(
         least_visible=VISIBLE_EMISSIVITY if exact else np.inf,
         rounding=_ROUNDING * fit.largest_signal,
     )
+    return _with_common_errors(maps, lines, curve)
+
+
+def _with_common_errors(maps: Maps, lines: Pair, curve: Curve) -> Solution:
+    shape = maps.reason.shape
     if lines.shared is None:
         nothing = np.zeros((0, *shape))
         return Solution(maps, nothing, nothing)
@@ -263,7 +268,7 @@ class _Fit:
 
     @property
     def largest_signal(self) -> float:
-        """Of all means, either sign."""
+        """Largest magnitude of all means."""
         return max(float(np.abs(kind).max(initial=0.0)) for kind in self._mean)
 
     @property
