@@ -9,6 +9,8 @@ import numpy as np
 import tifffile
 import yaml
 
+from cldit.acquisition.frames import FrameReader
+from cldit.acquisition.pictures.source import Source
 from tests.laboratory import AROUND, FILTER_UM, Laboratory
 
 
@@ -42,3 +44,12 @@ def write_measured(folder: Path, made: Laboratory, **more: Any) -> None:
         **more,
     }
     (folder / "measured.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+
+
+def read_all(source: Source) -> Any:
+    """All images (n, rows, columns) of a file."""
+    reader = FrameReader()
+    try:
+        return np.stack([reader.read(source, n) for n in range(len(reader.metadata(source)))])
+    finally:
+        reader.close()

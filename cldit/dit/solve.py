@@ -224,6 +224,11 @@ def solve(
         least_visible=VISIBLE_EMISSIVITY if exact else np.inf,
         rounding=_ROUNDING * fit.largest_signal,
     )
+    return _with_common_errors(maps, lines, curve)
+
+
+def _with_common_errors(maps: Maps, lines: Pair, curve: Curve) -> Solution:
+    shape = maps.reason.shape
     if lines.shared is None:
         nothing = np.zeros((0, *shape))
         return Solution(maps, nothing, nothing)
@@ -263,7 +268,7 @@ class _Fit:
 
     @property
     def largest_signal(self) -> float:
-        """Of all means, either sign."""
+        """Largest magnitude of all means."""
         return max(float(np.abs(kind).max(initial=0.0)) for kind in self._mean)
 
     @property
@@ -409,8 +414,8 @@ def _maps(
     epsilon_error = np.sqrt(epsilon_variance)
     reason = np.zeros(backgrounds.shape, np.uint8)
     # The last assignment wins; comparisons with NaN are False, hence the negations.
-    own = lines.values[:, 3] - lines.values[:, 1]  # light of the spray itself
-    reason[~((radiance > 0.0) & (own > rounding))] = Reason.NEGATIVE_RADIANCE
+    spray_light = lines.values[:, 3] - lines.values[:, 1]  # light of the spray itself
+    reason[~((radiance > 0.0) & (spray_light > rounding))] = Reason.NEGATIVE_RADIANCE
     clear = np.clip(DETECTION * epsilon_error, LEAST_EMISSIVITY, least_visible)
     reason[~(epsilon > clear)] = Reason.EMISSIVITY_TOO_LOW
     reason[~(lines.values[:, 0] >= VISIBLE_DISC)] = Reason.BACKGROUND_NOT_VISIBLE

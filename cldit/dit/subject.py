@@ -92,14 +92,16 @@ class Subject:
         reference: Weights,
     ) -> "Subject":
         """The same pixels of the same sensor in another scene, with weights as in `of`."""
-        view, around = SensorView.from_scene(scene), Surroundings.from_scene(scene)
+        view, surroundings = SensorView.from_scene(scene), Surroundings.from_scene(scene)
         filter_um, at_K = quadrature.filter_um, quadrature.reference_K
         return replace(
             self,
             spray=tuple(_pixels(_seen(view, weights), self.places) for weights in spectral),
             reference=_pixels(_seen(view, reference), self.places),
-            boundaries=tuple(Boundary.of(around, n.radiance, n.pane) for n in quadrature.nodes),
-            whole=Boundary.in_filter(around, filter_um, reference_K=at_K),
+            boundaries=tuple(
+                Boundary.of(surroundings, n.radiance, n.pane) for n in quadrature.nodes
+            ),
+            filter_boundary=Boundary.in_filter(surroundings, filter_um, reference_K=at_K),
             curve=Curve(filter_um=filter_um),
         )
 

@@ -19,17 +19,10 @@ from cldit.acquisition.frames import FrameReader, open_stack
 from cldit.acquisition.pictures.metadata import read_numbers
 from cldit.acquisition.pictures.source import Source, parse_source
 from cldit.errors import EvaluationError
+from tests.measured_files import read_all
 
 IMAGES = np.random.default_rng(3).integers(1000, 9000, (6, 5, 7)).astype(np.uint16)
 MATLAB_ORDER = IMAGES.transpose(1, 2, 0)
-
-
-def read_all(source: Source) -> Any:
-    reader = FrameReader()
-    try:
-        return np.stack([reader.read(source, n) for n in range(len(reader.metadata(source)))])
-    finally:
-        reader.close()
 
 
 def notes(source: Source) -> str:

@@ -14,7 +14,7 @@ import yaml
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from cldit.acquisition.frames import FrameReader, open_stack
+from cldit.acquisition.frames import open_stack
 from cldit.acquisition.measured import is_measured, open_measured
 from cldit.acquisition.pictures.source import parse_source
 from cldit.api.folder_evaluation import evaluate_folder
@@ -24,6 +24,7 @@ from cldit.errors import EvaluationError, SceneError
 from cldit.optics.planck import band_radiance
 from cldit.rig.load import Setup
 from tests.bench.evaluation import bench_evaluation
+from tests.measured_files import read_all
 
 FILTER = (3.3, 3.5)
 BACKGROUNDS = (413.0, 453.0, 493.0)
@@ -457,20 +458,12 @@ def test_a_stack_that_was_cut_off(tmp_path: Path, form: str, part: float) -> Non
         "ome": {"photometric": "minisblack", "ome": True, "metadata": {"axes": "TYX"}},
     }
     tifffile.imwrite(path, stack, **how[form])
-    assert np.array_equal(np.stack(read_all(path)), stack)
+    assert np.array_equal(read_all(parse_source(str(path))[1]), stack)
     data = path.read_bytes()
     path.write_bytes(data[: int(part * len(data))])
     try:
-        found = read_all(path)
+        found = read_all(parse_source(str(path))[1])
     except EvaluationError as error:
         assert "stack.tif" in str(error)
     else:  # all six are whole: what stood behind them is gone
-        assert len(found) == 6 and np.array_equal(np.stack(found), stack) and part > 0.5
-
-
-def read_all(path: Path) -> list[NDArray[Any]]:
-    reader, source = FrameReader(), parse_source(str(path))[1]
-    try:
-        return [reader.read(source, number) for number in range(len(reader.metadata(source)))]
-    finally:
-        reader.close()
+        assert len(found) == 6 and np.array_equal(found, stack) and part > 0.5

@@ -15,22 +15,15 @@ import tifffile
 from PIL import Image
 
 from cldit.acquisition import frames
-from cldit.acquisition.frames import FrameReader, open_stack
+from cldit.acquisition.frames import open_stack
 from cldit.acquisition.pictures.metadata import read_temperatures
 from cldit.acquisition.pictures.source import Source, parse_source
 from cldit.acquisition.pictures.tiff import turned
 from cldit.errors import EvaluationError
+from tests.measured_files import read_all
 
 SHAPE = (6, 5, 7)
 PICTURES = np.random.default_rng(1).integers(1000, 9000, SHAPE).astype(np.uint16)
-
-
-def read_all(source: Source) -> Any:
-    reader = FrameReader()
-    try:
-        return np.stack([reader.read(source, n) for n in range(len(reader.metadata(source)))])
-    finally:
-        reader.close()
 
 
 @pytest.mark.parametrize("split", [(6,), (2, 3), (3, 2), (3, 1, 2)])
