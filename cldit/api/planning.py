@@ -186,7 +186,7 @@ def separate(
     device: Device | None = None,
     progress: Say | None = None,
 ) -> PlannedSeparation:
-    """Plans the measurement that tells two models of a spray apart; `cldit plan --separate`.
+    """Plans a measurement that separates two models of a spray; `cldit plan --separate`.
 
     Args:
         one, other: scenes, shipped names, or YAML files.
