@@ -65,12 +65,13 @@ def main() -> None:
     print("cells, mm          all, K   drawn: least, mean, most   below all")
     for coarse, fine in pairwise(given.halvings):
         two = whole.level(fine), whole.level(coarse)
-        true_K = whole.difference(*two).error_K or 0.0
+        true_K = whole.difference(*two)[0].error_K or 0.0
         stated = []
         for drawn in draws:
             one, other = (image.map(drawn.pick) for image in two)
             temperature = whole.temperature.picked(drawn.sample.pixels)
-            stated.append(ImageDifference.between(temperature, one, other, drawn).error_K or 0.0)
+            step, _ = ImageDifference.between(temperature, one, other, drawn)
+            stated.append(step.error_K or 0.0)
         mm = [1e3 * tracer.prepared.cube.at(depth).cell_m for depth in (coarse, fine)]
         print(
             f"{mm[0]:7.3g} to {mm[1]:5.3g} {true_K:10.3f}   {min(stated):.3f}, "

@@ -141,7 +141,7 @@ def test_variances_are_those_of_brute_force() -> None:
         return variance / calibration.counts_per_radiance**2
 
     rng = np.random.default_rng(3)
-    source = subject.whole.leaving(backgrounds)
+    source = subject.filter_boundary.leaving(backgrounds)
 
     def signals(seen: Any, exposures: int) -> Signals:
         noise = np.sqrt(camera(seen) / exposures)[:, None] * rng.standard_normal((3, 4000))

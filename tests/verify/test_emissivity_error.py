@@ -75,7 +75,8 @@ def truth(scene: Scene, depth: Floats, kelvin: Floats) -> tuple[Floats, Floats]:
 
     def mean(image: Floats) -> Floats:
         fine = np.where(inside[:, None] & inside, image[place], 0.0)
-        return fine.reshape(PIXELS, ACROSS, PIXELS, ACROSS).mean(axis=(1, 3)).T[::-1]
+        means: Floats = fine.reshape(PIXELS, ACROSS, PIXELS, ACROSS).mean(axis=(1, 3))
+        return means.T[::-1]
 
     whole, light = mean(emissivity), mean(emissivity * band_radiance(kelvin, filter_um=filter_um))
     seen = whole > 0.01

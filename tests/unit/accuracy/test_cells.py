@@ -129,7 +129,8 @@ def test_the_result_that_needs_more_chooses_the_cells() -> None:
     tracer: Any = KnownTracer(1.0)
     tracer.emissivity = 4.0
     chosen = choose_cells(tracer, lambda _: 1.0, lambda _: None)
-    assert chosen is not None and chosen.error_K == pytest.approx(4.0 * tracer.true_K(chosen.depth))
+    assert chosen is not None and chosen.error_K is not None
+    assert chosen.error_K == pytest.approx(4.0 * tracer.true_K(chosen.depth))
     assert 0.5 < chosen.error_K <= 1.0
 
 

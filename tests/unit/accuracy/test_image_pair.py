@@ -137,8 +137,8 @@ def test_few_pixels_that_hold_the_square(noise_K: float) -> None:
         rng = np.random.default_rng(100 + seed)
         one, other = (pair(400.0 + level, noise_K, rng) for level in (true, 0.0))
         drawn = drawn_of(seed)
-        picked = (each.map(drawn.pick) for each in (one, other))
-        step, _ = ImageDifference.between(kelvin, *picked, drawn)
+        one, other = one.map(drawn.pick), other.map(drawn.pick)
+        step, _ = ImageDifference.between(kelvin, one, other, drawn)
         assert step.map_K.shape == (EDGE, EDGE) and step.error_K is not None
         assert np.count_nonzero(np.isfinite(step.map_K)) == len(drawn.sample.pixels)
         found.append(step.error_K**2)

@@ -87,7 +87,7 @@ def test_stated_and_true(light: Any, rays: int, seed: int) -> None:
     many_across = np.full(len(sample.pixels), 4 * across)
     image = ImagePair(seen, subpixels=Subpixels(sample, many_across, some, None))
     found = pixel_sampling.pixel_error(temperature, image)
-    apart = np.subtract(*(temperature.results(each) for each in (seen, mean)))
+    apart = np.subtract(temperature.results(seen), temperature.results(mean))
     true = np.sqrt(np.mean(apart**2, axis=(1, 2)))
     assert np.all(true > 0.0) and len(found.maps_K) == 2
     for stated_K, true_K, map_K in zip(found.errors_K, true, found.maps_K, strict=True):

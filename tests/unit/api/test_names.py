@@ -51,9 +51,9 @@ def test_recording_needs_a_folder() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "text"),
-    [({"error_K": 0.0}, "error_K: 0"), ({"error_K": 1.0, "quantile": 1.5}, "quantile: 1.5")],
+    ("error_K", "quantile", "text"),
+    [(0.0, 0.9, "error_K: 0"), (1.0, 1.5, "quantile: 1.5")],
 )
-def test_a_plan_is_checked_before_it_traces(options: dict[str, float], text: str) -> None:
+def test_a_plan_is_checked_before_it_traces(error_K: float, quantile: float, text: str) -> None:
     with pytest.raises(EvaluationError, match=text):
-        cldit.plan("empty", **options)
+        cldit.plan("empty", error_K, quantile=quantile)
