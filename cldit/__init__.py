@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cldit.api.evaluated import evaluate as evaluate
-    from cldit.api.experiment import simulate as simulate
     from cldit.api.exporting import export as export
     from cldit.api.planning import plan as plan
     from cldit.api.planning import separate as separate
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     from cldit.api.repeat import repeat as repeat
     from cldit.api.scripting import open_rig as open_rig
     from cldit.api.series import run_series as run_series
+    from cldit.api.simulation import simulate as simulate
     from cldit.api.viewing import view as view
     from cldit.cfd.importing import import_case as import_case
     from cldit.comparison import compare as compare
@@ -56,7 +56,7 @@ _HOMES = {
     "run_series": "cldit.api.series:run_series",
     "separate": "cldit.api.planning:separate",
     "shipped_scenes": "cldit.scene:shipped_scenes",
-    "simulate": "cldit.api.experiment:simulate",
+    "simulate": "cldit.api.simulation:simulate",
     "sweep": "cldit.study.sweep:run_sweep",
     "view": "cldit.api.viewing:view",
 }

@@ -4,8 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cldit.acquisition.dry_run import DryRun as DryRun
-    from cldit.acquisition.dry_run import dry_run as dry_run
+    from cldit.acquisition.dry_runs import DryRun as DryRun
+    from cldit.acquisition.dry_runs import dry_run as dry_run
     from cldit.acquisition.plan import Plan as Plan
     from cldit.acquisition.plan import load_plan as load_plan
     from cldit.acquisition.plan import parse_plan as parse_plan
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Loaded when asked for: a trace needs the progress alone.
 _HOMES = {
-    "cldit.acquisition.dry_run": ("DryRun", "dry_run"),
+    "cldit.acquisition.dry_runs": ("DryRun", "dry_run"),
     "cldit.acquisition.plan": ("Plan", "load_plan", "parse_plan", "plan_from_scene"),
     "cldit.acquisition.progress": ("Progress",),
     "cldit.acquisition.record": ("Acquisition", "Picture", "open_acquisition"),

@@ -17,84 +17,15 @@ from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
-from cldit.run import Run, Say, Stage, StageLine, with_stages
-from cldit.run import simulate as simulate_traces
+from cldit.run import Run, Say, Stage, StageLine, simulate, with_stages
 from cldit.scene import Scene
 from cldit.scene.delays import alone, delay_folder, delay_text, same_time, scene_at, spray_time_s
 from cldit.scene.load import chosen_scene
 from cldit.scene.spray import CfdSpray
 from cldit.show.report.run_report import write_run_report
 from cldit.spray.cache import times_together
-from cldit.spray.result import Spray
 
 Watch = Callable[[Progress], None]
-
-
-def simulate(
-    scene: Scene | str | Path,
-    out: str | Path | None = None,
-    *,
-    record: bool = False,
-    quick: bool = False,
-    pixels: int | Sequence[int] | None = None,
-    device: Device | None = None,
-    cache: Path | None = None,
-    spray: Spray | None = None,
-    progress: Say | None = None,
-    watch: Watch | None = None,
-    like: Run | None = None,
-) -> Run:
-    """Traces a scene and evaluates it without noise; with `record`, also by the simulated rig.
-
-    With several injections (`spray.scatter.members`), the run is that of their mean light. After an
-    interruption of any kind, the same call with a folder continues.
-
-    Args:
-        scene: a scene, the name of a shipped one (`gdi`), or the path of a YAML file.
-        out: folder to store the run in; None keeps it in memory. A folder that holds the same
-            scene, finished, is read instead of traced again.
-        record: True records the traces with the simulated rig into `acquisition`, evaluates the
-            shots (`measured` of the run) and writes the report; `out` is then needed.
-        quick: True for a preview: 128 pixels along the longer side and a tolerance of 4 K.
-        pixels: columns and rows, or one number for both; None: those of the scene.
-        device: OpenCL device; None chooses (the run says which and why).
-        cache: folder for tables and computed sprays; None: cldit's own.
-        spray: the scene's spray, if it was made already; None makes it.
-        progress: called with a line of text as things happen.
-        watch: called with the progress of reading a CFD case, and of the rig.
-        like: run whose resolution is taken; the error is then not estimated.
-
-    Raises:
-        RunFolderError: the folder has another scene, or another process writes to it.
-        SprayError: `spray` is given for several injections.
-        EvaluationError: `record` without `out`, with cache, spray or like, or for one background.
-        Stopped: the recording was interrupted; the same call resumes it.
-        ClditError: a subclass, with the problem and a remedy.
-    """
-
-    def reading(what: str, done: int, total: int) -> None:
-        if watch is not None:
-            watch(Progress(what, done, total, None))
-
-    if not record:
-        return simulate_traces(
-            scene,
-            out,
-            quick=quick,
-            pixels=pixels,
-            device=device,
-            cache=cache,
-            spray=spray,
-            progress=progress,
-            watch=reading,
-            like=like,
-        )
-    given = {"cache": cache, "spray": spray, "like": like}
-    if out is None or any(value is not None for value in given.values()):
-        raise EvaluationError("record=True: allowed: with `out`, and without cache, spray and like")
-    return run_experiment(
-        scene, out, quick=quick, pixels=pixels, device=device, progress=progress, watch=watch
-    )
 
 
 def run_experiment(
@@ -153,7 +84,7 @@ def _run(
         if watch is not None:
             watch(Progress(what, done, total, None))
 
-    run = simulate_traces(scene, folder, device=device, progress=say, watch=reading)
+    run = simulate(scene, folder, device=device, progress=say, watch=reading)
     traced: list[Path] = []
     shown_s = spray_time_s(scene)
     for delay_s, later in at_delays.items():
@@ -162,7 +93,7 @@ def _run(
             continue
         say(StageLine(f"the spray at {delay_text(delay_s)}"))
         traced.append(folder / delay_folder(delay_s))
-        simulate_traces(alone(later), traced[-1], device=device, progress=say, watch=reading)
+        simulate(alone(later), traced[-1], device=device, progress=say, watch=reading)
     start = time.perf_counter()
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"

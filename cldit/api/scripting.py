@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cldit.acquisition.dry_run import DryRun, dry_run
+from cldit.acquisition.dry_runs import DryRun, dry_run
 from cldit.acquisition.plan import Plan, load_plan, parse_plan
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import iterate

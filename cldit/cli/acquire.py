@@ -6,7 +6,7 @@ from typing import Self
 
 import click
 
-from cldit.acquisition.dry_run import SECONDS_PER_KELVIN, DryRun, dry_run
+from cldit.acquisition.dry_runs import SECONDS_PER_KELVIN, DryRun, dry_run
 from cldit.acquisition.plan import load_plan
 from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress

@@ -229,6 +229,7 @@ _PATCH: dict[str, Any] = {
 _PATCH |= {"shape": "rectangle", "size_m": [0.1, 0.06], "temperature_K": 400.0}
 _CAMERA = {"distance_m": 0.3, "field_m": [0.12, 0.12], "pixels": [8, 8], "rays_per_pixel": 1}
 _TRANSPORT = {"audit": False, "accuracy_K": 4.0, "directions": 16, "max_samples": 128}
+_PATHS = 64  # of the audit: two batches, whatever their noise is on a device
 _PHASES = ("isotropic", "forward", "classes")
 _TRACES: dict[str, dict[str, Any]] = {  # sections of a scene
     **{f"source, {name}": {"phase": name} for name in _PHASES},
@@ -236,6 +237,7 @@ _TRACES: dict[str, dict[str, Any]] = {  # sections of a scene
         "phase": "classes",
         "camera": {"model": "orthographic", "rays_per_pixel": 4},
     },
+    "source, audited": {"phase": "forward", "transport": {"audit": True}},
     "source, order 2": {"transport": {"order": 2, "gather": False}, "patches": [_PATCH]},
     "source, long paths": {"camera": {"pixels": [1, 1]}, "samples": 2**13},
     **{f"path, {name}": {"phase": name, "transport": {"method": "path"}} for name in _PHASES},
@@ -259,6 +261,7 @@ def _trace(device: Device, tree: Octree, precision: str, given: Mapping[str, Any
     # A work-item on a CPU takes eight paths at a time.
     samples = given.get("samples", 128) * (8 if device.is_cpu else 1)
     tuning = replace(settings.tuning, first_samples=samples, iterations=60)
+    tuning = replace(tuning, audit_samples_least=_PATHS, audit_samples_most=_PATHS)
     made = trace(tree, scene, device, replace(settings, phase=phase, tuning=tuning))
     return np.concatenate([image.reshape(-1) for image in made.weights.images.values()])
 

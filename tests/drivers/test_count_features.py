@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.acquisition import Plan, acquire
-from cldit.acquisition.dry_run import dry_run
+from cldit.acquisition.dry_runs import dry_run
 from cldit.errors import RunFolderError
 from cldit.rig.errors import ConfigRejected
 from cldit.rig.load import open_rig

@@ -93,7 +93,7 @@ def test_runs_share_one_opening_until_all_is_closed() -> None:
     with open_device(first.info.index) as second:
         assert second.opened is first.opened
         assert second.info.version == first.info.version
-    with pytest.raises(DeviceError, match=r"was closed; open it again: cldit\.open_device\(\)"):
+    with pytest.raises(DeviceError, match=r"was closed; open it again: cldit\.opencl_device\(\)"):
         _ = second.queue
     assert open_device().opened is first.opened  # which still uses it
     if first.is_cpu and first.info.compute_units > 1:

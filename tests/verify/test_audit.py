@@ -205,9 +205,9 @@ def test_paths_are_balanced(run_block: Callable[..., Run], albedo: float, walls_
 
 
 def test_unknown_is_said(run_block: Callable[..., Run]) -> None:
-    """Backgrounds far colder than the walls: nowhere is there an apparent temperature."""
-    scene = SCENE | {"camera": camera(9), "walls": {"temperature_K": 900.0}}
-    scene["background"] = SCENE["background"] | {"temperatures_K": [250.0, 260.0]}
+    """A background that no pixel sees: nowhere is there an apparent temperature."""
+    scene = SCENE | {"camera": camera(8)}  # no pixel has its middle on the axis
+    scene["background"] = SCENE["background"] | {"radius_m": 1e-6}
     transport = {"directions": 16, "phase": "isotropic", "audit": True}
     run = run_block(BLOCK, **scene, transport=transport)
     assert not np.isfinite(run.maps.apparent_temperature_K).any()

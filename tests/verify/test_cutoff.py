@@ -33,7 +33,7 @@ def scene(folder: Path, *, cold_K: float, hot_K: float, depth: float, **transpor
         vapour_absorption_per_m=np.where(layer, 0.0, BEHIND) / (EDGE_M / 2),
         vapour_temperature_K=np.full(layer.shape, hot_K),
     )
-    return cldit.parse_scene(
+    return cldit.Scene.from_dict(
         {
             "name": "layers",
             "spray": {"model": "grid", "file": str(folder / "layers.npz")},

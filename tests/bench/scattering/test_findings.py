@@ -106,10 +106,10 @@ def test_page_is_whole(tmp_path: Path) -> None:
     page = scattering_page(_study(*_VAPOUR), command="cldit scattering gdi")
     html = write_page(page, tmp_path).read_text(encoding="utf-8")
     assert page.findings[0] in html and "cldit scattering gdi" in html and "open" in html
-    markdown = (tmp_path / "gdi.md").read_text(encoding="utf-8")
+    markdown = (tmp_path / f"{page.name}.md").read_text(encoding="utf-8")
     assert f"- {page.findings[0]}\n" in markdown
     assert "## Where it fails" in markdown and "thin, 25 % of the pixels" in markdown
-    told = json.loads((tmp_path / "gdi.json").read_text(encoding="utf-8"))
+    told = json.loads((tmp_path / f"{page.name}.json").read_text(encoding="utf-8"))
     assert told["findings"] == list(page.findings)
     assert len(told["table"]) == len(told["more"][next(iter(told["more"]))]) == 13
     assert told["table"][-1]["what emits: RMS / K"] is None  # it is after the droplets

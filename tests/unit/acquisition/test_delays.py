@@ -12,7 +12,7 @@ import tifffile
 from click.testing import CliRunner
 
 from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan, plan_from_scene
-from cldit.acquisition.dry_run import dry_run
+from cldit.acquisition.dry_runs import dry_run
 from cldit.acquisition.export import export
 from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
 from cldit.cli import main

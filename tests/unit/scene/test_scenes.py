@@ -65,7 +65,6 @@ def test_shipped_scenes_say_only_what_differs(name: str) -> None:
         ({"d_um": 10.0, "q": 1.8}, RosinRammler),
         ({"edges_um": [0.0, 4.0, 8.0], "number": [3.0, 0.0]}, Histogram),
         ({}, NukiyamaTanasawa),
-        (None, type(None)),
     ],
 )
 def test_sizes_there_and_back(droplets: dict[str, object] | None, kind: type) -> None:

@@ -112,7 +112,7 @@ def test_a_folder_that_cannot_be_written_leaves_the_page_in_the_cache(
             raise FileError(f"{path}: cannot be written")
         save_page(path, items)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("cldit.cli.show.save_page", refused)
+    monkeypatch.setattr("cldit.api.viewing.save_page", refused)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     opened: list[str] = []
 
