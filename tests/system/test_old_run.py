@@ -40,7 +40,7 @@ def test_the_run_is_read(folder: Path) -> None:
 
 
 def test_the_acquisition_is_evaluated(folder: Path) -> None:
-    """As 0.1.0 did, to a fifth of the stated error; errors are other estimates of the shots'
+    """As 0.1.0 did, to a quarter of the stated error; errors are other estimates of the shots'
     scatter, so that a pixel near three errors of its emissivity may have a temperature or not."""
     maps = folder / "acquisition" / "maps"
     before = read_image(maps / "apparent_temperature_K.tif")[0]
@@ -55,7 +55,7 @@ def test_the_acquisition_is_evaluated(folder: Path) -> None:
     assert np.all((np.isfinite(after) == np.isfinite(before)) | near)
     known = np.isfinite(after) & np.isfinite(before)
     assert known.sum() > 15
-    assert np.all(np.abs(after - before)[known] < 0.2 * error[known])
+    assert np.all(np.abs(after - before)[known] < 0.25 * error[known])
 
 
 def test_the_rig_is_driven(folder: Path, tmp_path: Path) -> None:
