@@ -87,6 +87,7 @@ def test_every_distribution_of_sizes(
     assert run.info.phase.startswith("mie") and 0.8 < g < 0.9
 
 
+@pytest.mark.slow
 def test_two_windows_in_yaml(folder: Path, device: Device) -> None:
     plain = SCENE.format(droplets=NINE_UM)
     without, behind = (run_of(text, folder, device) for text in (plain, plain + WINDOWS))

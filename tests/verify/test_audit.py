@@ -136,6 +136,7 @@ def test_what_stands_before_the_background(
 
 
 @pytest.mark.parametrize("pixels", [1, 9])
+@pytest.mark.slow
 def test_few_pixels(run_block: Callable[..., Run], pixels: int) -> None:
     """All are traced; the error of each weight is at most some 0.1, of T_app some 10 K."""
     transport = {"directions": 16, "gather": False, "phase": PHASE, "audit": True}

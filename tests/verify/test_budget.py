@@ -138,6 +138,7 @@ def test_no_audit_no_errors(run_block: Callable[..., Run]) -> None:
     assert run_block(EVEN, **SMALL, transport={"audit": False}).errors is None
 
 
+@pytest.mark.slow
 def test_errors_are_kept(tmp_path: Path) -> None:
     """In run.json, without NaN, and as maps; the grid of the jet's gas has an error that is known.
     The fixed cells are so coarse that they show no order of convergence: "at least"."""

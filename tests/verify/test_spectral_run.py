@@ -205,7 +205,7 @@ def test_kept_and_opened(device: Device, tmp_path: Path, tables: Path) -> None:
     data["optics"] = {"preset": "spectral", "wavelengths": 2}
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3
-    data["spray"]["box"]["spacing_m"] = 2e-3
+    data["spray"]["time_s"], data["spray"]["box"]["spacing_m"] = 0.3e-3, 4e-3
     data["transport"]["audit"] = False
     run = cldit.simulate(parse_scene(data), tmp_path / "run", device=device, cache=tables)
     again = cldit.open_run(tmp_path / "run")
@@ -220,6 +220,7 @@ def test_kept_and_opened(device: Device, tmp_path: Path, tables: Path) -> None:
         cldit.open_run(tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_the_methane_jet_stays_translucent(device: Device, tables: Path) -> None:
     """Emissivity of the shipped jet, traced: 0.32 at most. The paper has at most 0.3, of holes that
     it does not give; those of the scene are assumed.

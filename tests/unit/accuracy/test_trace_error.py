@@ -157,6 +157,7 @@ def test_one_wavelength_without_an_audit() -> None:
     assert found.unknown == "no audit"
 
 
+@pytest.mark.slow
 def test_runs_say_so(device: Device, tmp_path: Path) -> None:
     """As it goes, in run.json, and in the run that is opened again; not where 100 K will do."""
     data = load_scene("droplets-only").model_dump(mode="json")

@@ -15,6 +15,7 @@ from cldit.prepare.stages import Stages
 from cldit.scene import load_scene
 
 
+@pytest.mark.slow
 def test_each_wavelength_shows_the_pixels_of_the_filter(device: Device, tmp_path: Path) -> None:
     """Lines of methane absorb a hundredfold: the faintest reach 0.05 in half of the pixels."""
     scene = load_scene("methane-jet").with_(
