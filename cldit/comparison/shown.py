@@ -209,8 +209,9 @@ def recorded(
 ) -> Shown:
     """Maps of a recording with its systematic and common `parts`.
 
-    degrees: of freedom of the scatter between shots, by background. A pixel's scatter is estimated
-    from all backgrounds together (`cldit.dit.fit.shot_scatter`), so that its error has their sum.
+    degrees: of freedom of the scatter between shots, by background. T_app follows mostly from the
+    backgrounds that are nearest to it, so that the independent error of a pixel has those of one:
+    of 100 recordings 5 then have p below 0.05, and 10 with those of all.
     The setup of a simulated rig is as stated: its recording has no systematic errors.
     """
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
@@ -227,7 +228,7 @@ def recorded(
         common=tuple(replace(one, degrees=sum(degrees) or math.inf) for one in parts[1]),
         systematic=() if traced is not None else parts[0],
         noisy=True,
-        degrees=sum(degrees) or math.inf,
+        degrees=min(degrees, default=math.inf),
         scene=scene,
         traced=traced,
     )
