@@ -75,7 +75,7 @@ class Gather:
         """
         cells, wanted = self._image.cells, self._settings.accuracy_K
         temperature = cells.temperature(self._image.scene, visible=self._settings.visible)
-        hottest = cells.hottest
+        half_as_bright = 0.5 * cells.hottest
         start = time.perf_counter()
         count, most = len(pixels), self._settings.max_samples
         tuning = self._settings.tuning
@@ -104,13 +104,14 @@ class Gather:
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
             # The trace must be accurate for any wall temperature: for that of the scene, and for
-            # walls as warm as the medium.
+            # walls half as bright as the medium. As warm walls would hide errors of the weights,
+            # since everything then looks alike; dark ones would ask for light that no image shows.
             before_own, before_bright = (
                 before
                 * np.nan_to_num(
                     temperature.error_K(seen + mean[:-1], difference[:-1], outside=outside)
                 )
-                for outside in (None, hottest)
+                for outside in (None, half_as_bright)
             )
             error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
             energy = np.bincount(tiles, error_K**2).astype(np.float64)
