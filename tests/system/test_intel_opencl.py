@@ -70,7 +70,7 @@ def traced(environment: dict[str, str], out: Path) -> dict[str, NDArray[Any]]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_scenes_agree_with_pocl_on_a_cold_and_a_warm_cache(
     intel: dict[str, str], device: Device, tmp_path: Path
 ) -> None:

@@ -50,7 +50,7 @@ def test_requirements_have_a_lowest_version() -> None:
         assert len(lowest(wanted)) == len(wanted), extra
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(
     sys.version_info[:2] != (3, 11), reason="the lowest versions are those of Python 3.11"
 )
