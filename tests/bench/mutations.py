@@ -140,8 +140,8 @@ MUTATIONS = (
         "high = np.where(step == count[box, axis] - 1, self.upper[box, axis], high)", "pass",
         "unit/medium"),
     row("cldit/medium/deposit.py",
-        "local = (z % BRICK * BRICK + y[:, None] % BRICK) * BRICK + x % BRICK",
-        "local = (z % BRICK * BRICK + x % BRICK) * BRICK + y[:, None] % BRICK", "unit/medium"),
+        "local = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK",
+        "local = (z % BRICK * BRICK + x % BRICK) * BRICK + y % BRICK", "unit/medium"),
     row("cldit/medium/octree.py", "side = min(BRICK, self.frame.cells) * self.frame.cell_m",
         "side = self.frame.cell_m", "unit/medium"),
     # optics
