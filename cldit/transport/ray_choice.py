@@ -240,7 +240,8 @@ class RayChoice:
                 break
             self._widen()
             more = more[self.across[more] < wanted[more]]
-            self.grow(more, 2 * self.across[more])
+            if len(more):  # else all of them were widened
+                self.grow(more, 2 * self.across[more])
             added = True
         return added
 

@@ -128,7 +128,7 @@ def test_path_closes_but_for_noise(
         ("image.cl", "transmitted *= decay(t);", "transmitted *= decay(R(0.99) * t);", {}),
         # What a row that was never written may hold.
         *(
-            ("image.cl", "+ pixel] = sum[c];", f"+ pixel] = row == 7 ? {left} : sum[c];", {})
+            ("image.cl", "pixel)] = sum[c];", f"pixel)] = row == 7 ? {left} : sum[c];", {})
             for left in ("R(0)", "R(NAN)")
         ),
         ("path.cl", "weight *= albedo;", "weight *= R(0.95) * albedo;", {"method": "path"}),
