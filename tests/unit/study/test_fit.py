@@ -153,7 +153,7 @@ def test_seven_keys_are_refused(tmp_path: Path) -> None:
             fit("nowhere", scene, several, tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_of_twenty_twins_hold_the_truth(
     scene: Scene, device: Device, tables: Path, tmp_path: Path
 ) -> None:
