@@ -252,10 +252,12 @@ class CoarseCost:
         found = work()
         spent_s = clock() - start
         whole = sum(found.seconds.values())
-        swept = found.seconds.get("scattering", 0.0) / whole if whole > 0.0 else 0.0
+        spent_s /= max(whole, 1e-9)  # core seconds for a second; compilation is paid once
+        swept = found.seconds.get("scattering", 0.0)
+        seen = found.seconds.get("image", 0.0) + found.seconds.get("gather", 0.0)
         pixels = found.weights.background.size
         ordinates = settings.final_directions
-        return found, cls(cells, ordinates, pixels, swept * spent_s, (1.0 - swept) * spent_s)
+        return found, cls(cells, ordinates, pixels, swept * spent_s, seen * spent_s)
 
     def scaled_s(self, cells: int, ordinates: int, pixels: int, wavelengths: int) -> float:
         """Core seconds of an image of `wavelengths` with so many ordinates in all."""

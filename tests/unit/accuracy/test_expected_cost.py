@@ -102,7 +102,7 @@ def test_an_error_above_what_is_asked_is_announced_with_the_cost(
 
 
 def test_a_trace_is_measured() -> None:
-    """A tenth of the time was spent on rays, or all where nothing was swept."""
+    """A tenth of the time was spent on rays; compilation, which is paid once, is not counted."""
     image = SimpleNamespace(background=np.zeros((3, 4)))
     device: Any = SimpleNamespace(is_cpu=False)
     settings: Any = SimpleNamespace(final_directions=24)
