@@ -159,5 +159,5 @@ def tiny_plan(tiny_scene: Scene) -> Plan:
 
 @pytest.fixture
 def mission(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Mission:
-    """That rig and plan, and a folder for the acquisition."""
+    """The rig, the plan, and a folder for the acquisition."""
     return Mission(tiny_rig, tiny_plan, tmp_path / "a")

@@ -4,7 +4,7 @@ import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 
-from cldit.errors import FileError
+from cldit.errors import FileError, RunFolderError
 from cldit.io.caches import default_cache
 from cldit.io.content import digest
 from cldit.io.files import make_folder
@@ -29,6 +29,8 @@ def view(*folders: str | Path, save: str | Path | None = None, open_browser: boo
         RunFolderError: there is no folder, or one is not finished, damaged, or none of these.
         FileError: the file cannot be written.
     """
+    if not folders:
+        raise RunFolderError("view: no folder; allowed: one or more of runs, series or recordings")
     items = view_items(folders)
     if save is not None:
         path = Path(save)

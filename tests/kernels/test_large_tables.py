@@ -53,7 +53,7 @@ def _sources() -> list[str]:
 
 @pytest.mark.parametrize("name", _sources())
 def test_no_index_is_a_product_of_integers(name: str) -> None:
-    """Where a table is read or written, its rows are counted by size_t."""
+    """Rows of a table that is read or written are counted by size_t."""
     text = resources.files("cldit.kernels").joinpath(name).read_text(encoding="utf-8")
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
     indices = re.findall(r"\w\[([^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*)\]", text)

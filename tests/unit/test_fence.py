@@ -142,7 +142,7 @@ def test_a_room_imports_only_from_its_arrows(room: str) -> None:
 
 
 def test_budgets_and_arrows_follow_the_code() -> None:
-    """What fell stays down: a budget is the next whole step above its room, an arrow is used."""
+    """A budget is the next whole step above its room, and every arrow is used."""
     loose = {room: (lines(room), most) for room, most in BUDGETS.items()
              if most != -(-lines(room) // STEP) * STEP}  # fmt: skip
     assert not loose

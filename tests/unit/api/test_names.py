@@ -1,4 +1,4 @@
-"""What `import cldit` offers: the commands' words, and the names of the version before."""
+"""Public names of the package: the commands' words, and those of the version before."""
 
 import inspect
 import warnings
@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import cldit
-from cldit.errors import EvaluationError
+from cldit.errors import EvaluationError, RunFolderError
 
 COMMANDS = ("fit", "plan", "sweep", "import_case", "export", "view", "compare", "evaluate")
 
@@ -57,3 +57,8 @@ def test_recording_needs_a_folder() -> None:
 def test_a_plan_is_checked_before_it_traces(error_K: float, quantile: float, text: str) -> None:
     with pytest.raises(EvaluationError, match=text):
         cldit.plan("empty", error_K, quantile=quantile)
+
+
+def test_a_view_needs_a_folder() -> None:
+    with pytest.raises(RunFolderError, match="view: no folder"):
+        cldit.view()
