@@ -15,6 +15,8 @@ from cldit.gpu.device import Device
 from cldit.io.exclusive import exclusive
 from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
+from cldit.io.progress import Watch as ReadingWatch
+from cldit.io.progress import silent
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, StageLine, simulate, with_stages
@@ -26,6 +28,13 @@ from cldit.show.report.run_report import write_run_report
 from cldit.spray.cache import times_together
 
 Watch = Callable[[Progress], None]
+
+
+def of_reading(watch: Watch | None) -> ReadingWatch:
+    """Callback for the reading of a CFD case, which passes its progress to `watch`."""
+    if watch is None:
+        return silent
+    return lambda what, done, total: watch(Progress(what, done, total, None))
 
 
 def run_experiment(
@@ -80,10 +89,7 @@ def _run(
 ) -> Run:
     """Simulates, records and evaluates into a locked folder; raises as `run_experiment`."""
 
-    def reading(what: str, done: int, total: int) -> None:
-        if watch is not None:
-            watch(Progress(what, done, total, None))
-
+    reading = of_reading(watch)
     run = simulate(scene, folder, device=device, progress=say, watch=reading)
     traced: list[Path] = []
     shown_s = spray_time_s(scene)

@@ -4,8 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cldit.acquisition.progress import Progress
-from cldit.api.experiment import Watch, run_experiment
+from cldit.api.experiment import Watch, of_reading, run_experiment
 from cldit.errors import RunFolderError, SprayError
 from cldit.gpu.device import Device
 from cldit.io.exclusive import exclusive, is_empty
@@ -83,10 +82,7 @@ def run_series(
     say = progress or (lambda text: None)
     _check_folder(folder, scene)
 
-    def reading(what: str, done: int, total: int) -> None:
-        if watch is not None:
-            watch(Progress(what, done, total, None))
-
+    reading = of_reading(watch)
     plan = SeriesPlan.of(scene, times, watch=reading)
     for remark in plan.remarks:
         say(remark)

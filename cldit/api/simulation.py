@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from cldit.acquisition.progress import Progress
-from cldit.api.experiment import Watch, run_experiment
+from cldit.api.experiment import Watch, of_reading, run_experiment
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device
 from cldit.run import Run, Say
@@ -55,10 +54,6 @@ def simulate(
         ClditError: a subclass, with the problem and a remedy.
     """
 
-    def reading(what: str, done: int, total: int) -> None:
-        if watch is not None:
-            watch(Progress(what, done, total, None))
-
     if not record:
         return simulate_traces(
             scene,
@@ -69,7 +64,7 @@ def simulate(
             cache=cache,
             spray=spray,
             progress=progress,
-            watch=reading,
+            watch=of_reading(watch),
             like=like,
         )
     given = {"cache": cache, "spray": spray, "like": like}
