@@ -40,7 +40,7 @@ def content(stream: Any, path: Path, size: int | None = None) -> bytes:
     A packed file may unpack to a thousand times its size, and a damaged one may state any size.
     """
     free = free_bytes()
-    most = None if free is None else free // _SHARE
+    limit = None if free is None else free // _SHARE
     parts: list[bytes] = []
     have = 0
     while size is None or have < size:
@@ -49,7 +49,7 @@ def content(stream: Any, path: Path, size: int | None = None) -> bytes:
             break
         parts.append(part)
         have += len(part)
-        if most is not None and have > most:
+        if limit is not None and have > limit:
             raise SprayError(
                 f"{path}: more than {have / 1e9:.2g} GB of content; allowed: up to a third of the "
                 f"{(free or 0) / 1e9:.2g} GB of memory that are free"
