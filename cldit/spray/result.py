@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     import xarray
 
 
-def _checked(what: str, values: Floats, *, low: float, high: float) -> None:
+def _checked(label: str, values: Floats, *, low: float, high: float) -> None:
     if not values.size or low <= values.min() <= values.max() <= high:
         return  # comparisons are false for NaN
     if not np.all(np.isfinite(values)):
         bad = int(np.flatnonzero(~np.isfinite(values).reshape(values.shape[0], -1).all(axis=1))[0])
-        raise SprayError(f"{what}: entry {bad} is not finite")
+        raise SprayError(f"{label}: entry {bad} is not finite")
     bad = int(np.argmax((values < low) | (values > high)))
     raise SprayError(
-        f"{what}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
+        f"{label}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
     )
 
 
@@ -78,11 +78,11 @@ class Parcels:
     @property
     def masses_kg(self) -> Floats:
         """Liquid mass of each parcel (N,), n rho pi d^3 / 6."""
-        each = self.droplets * self.density_kg_m3
+        mass = self.droplets * self.density_kg_m3
         for _ in range(3):  # a power takes ten times as long
-            each *= self.diameter_m
-        each *= np.pi / 6
-        return np.asarray(each)
+            mass *= self.diameter_m
+        mass *= np.pi / 6
+        return np.asarray(mass)
 
     @property
     def mass_kg(self) -> float:

@@ -106,11 +106,11 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
 
 def _without_effect(spec: ConeSpray) -> tuple[str, ...]:
     """Remarks on keys without effect, which scenes of older versions may have."""
-    given = [name for name in ("parcels_per_cell", "seed") if getattr(spec, name) is not None]
+    keys = [name for name in ("parcels_per_cell", "seed") if getattr(spec, name) is not None]
     return tuple(
         f"spray.{name} has no effect: the droplets of a cell fill it uniformly, in "
         "spray.size_classes classes of size"
-        for name in given
+        for name in keys
     )
 
 
@@ -142,8 +142,8 @@ def _parcels(
     droplets *= np.pi / 6
     np.divide((liquid[wet] / density / count)[:, None], droplets, out=droplets)
     seen = diameter >= SMALLEST_m
-    every = bool(seen.all())
-    if not every:
+    complete = bool(seen.all())
+    if not complete:
         liquid[wet] *= np.mean(seen, axis=1)
     if not seen.any():
         return None, liquid
@@ -151,7 +151,7 @@ def _parcels(
     def for_each(values: Floats) -> Floats:
         """Values of the parcels (N,), from those of cells (W, 1) or of their classes (W, count)."""
         wide = np.broadcast_to(values, seen.shape)
-        return wide.reshape(-1) if every else wide[seen]
+        return wide.reshape(-1) if complete else wide[seen]
 
     place = np.empty((3, np.count_nonzero(seen)))  # rows of three would be slow
     for row, along in zip(place, cells.cell.T, strict=True):
@@ -186,7 +186,7 @@ def _mass_depth_m(index: Ints, liquid: Floats, share: float, *, spacing_m: float
     """Depth below the nozzle of a `share` of the liquid, which fills its cells uniformly."""
     wet = liquid > 0
     layer = -1 - index[wet, 2]
-    first = int(layer.min())
-    below = np.append(0.0, np.cumsum(np.bincount(layer - first, liquid[wet])))
-    depth = np.interp(share * below[-1], below, np.arange(len(below)) + first)
+    top = int(layer.min())
+    below = np.append(0.0, np.cumsum(np.bincount(layer - top, liquid[wet])))
+    depth = np.interp(share * below[-1], below, np.arange(len(below)) + top)
     return float(depth * spacing_m)

@@ -101,7 +101,7 @@ def follow(
         np.array([temperature_K]),
         np.array([[velocity_m_s]]),
     )
-    around = DropletSurroundings(
+    surroundings = DropletSurroundings(
         np.array([gas_temperature_K]),
         np.array([pressure_Pa]),
         np.array([vapour]),
@@ -111,22 +111,22 @@ def follow(
     kernels = DropletKernels.of(device, liquid, carrier, MODELS[model])
 
     def after(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
-        found = advance(
+        result = advance(
             state,
-            around,
+            surroundings,
             seconds,
             kernels,
             tolerance=tolerance,
             drag=not held,
         )
-        return found.droplets, float(found.gone_s[0])
+        return result.droplets, float(result.gone_s[0])
 
     end = duration_s
     life = after(start, LONGEST_S if end is None else end)[1]
     if end is None and np.isinf(life):
         raise SprayError(
-            f"a droplet of {liquid.name} does not vanish in gas of {around.temperature_K[0]:g} K "
-            f"with {around.vapour[0]:g} vapour within {LONGEST_S:g} s; give a duration"
+            f"a droplet of {liquid.name} does not vanish in gas of {gas_temperature_K:g} K with "
+            f"{vapour:g} vapour within {LONGEST_S:g} s; give a duration"
         )
     end = min(life, np.inf if end is None else end)
     times = np.linspace(0.0, end, points)

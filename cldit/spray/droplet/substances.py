@@ -82,18 +82,18 @@ def fuel_columns(name: str) -> Columns:
 
 def gas_columns(name: str) -> Columns:
     """Columns of a carrier gas; raises SprayError if it is not one of `GASES`."""
-    known = name.casefold().replace("-", " ")
-    if known not in GASES:
+    key = name.casefold().replace("-", " ")
+    if key not in GASES:
         raise SprayError(f"gas {name!r}; allowed: {', '.join(GASES)}")
-    state = _state(known.title().replace(" ", ""))
+    state = _state(key.title().replace(" ", ""))
     constants = {
         "molar_mass_kg_mol": state.molar_mass(),
-        "diffusion_volume": _GAS_VOLUMES[GASES.index(known)],
+        "diffusion_volume": _GAS_VOLUMES[GASES.index(key)],
         "critical_K": state.T_critical(),
         "critical_Pa": state.p_critical(),
     }
     vapour_K, vapour = _dilute(
-        state, max(_COLDEST_K.get(known, 80.0), float(np.ceil(state.Ttriple())))
+        state, max(_COLDEST_K.get(key, 80.0), float(np.ceil(state.Ttriple())))
     )
     vapour["enthalpy"] = integral(vapour_K, vapour["cp"])
     return Columns(constants, np.empty(0), {}, vapour_K, vapour)
@@ -111,16 +111,16 @@ def _state(fluid: str) -> Any:
 def _coolprop_name(name: str) -> str:
     import CoolProp.CoolProp as coolprop
 
-    wanted = name.casefold()
-    known = {"iso-octane": ""}  # only for the hint
+    key = name.casefold()
+    fluids = {"iso-octane": ""}  # only for the hint
     for fluid in coolprop.get_global_param_string("FluidsList").split(","):
         aliases = coolprop.get_fluid_param_string(fluid, "aliases").split(",")
-        known |= {alias.strip().casefold(): fluid for alias in [fluid, *aliases] if alias}
-    if wanted not in known:
-        close = difflib.get_close_matches(wanted, known, n=4)
+        fluids |= {alias.strip().casefold(): fluid for alias in [fluid, *aliases] if alias}
+    if key not in fluids:
+        close = difflib.get_close_matches(key, fluids, n=4)
         hint = f"did you mean {' or '.join(close)}?" if close else "see the fluids of CoolProp"
         raise SprayError(f"fuel {name!r}: neither iso-octane nor a fluid of CoolProp; {hint}")
-    return known[wanted]
+    return fluids[key]
 
 
 def _saturated(state: Any, temperature_K: float) -> tuple[float, ...]:

@@ -58,8 +58,8 @@ def expand(gas: Gas, *, stagnation_Pa: float, stagnation_K: float, pressure_Pa: 
     cp, enthalpy = gas.vapour.at(table_K, "cp", "enthalpy")
     entropy = integral(table_K, cp / table_K)
     pressure = np.linspace(pressure_Pa, stagnation_Pa, _SECTIONS)
-    left = entropy[-1] + constant * np.log(pressure / stagnation_Pa)
-    temperature: Floats = np.interp(left, entropy, table_K)
+    isentrope = entropy[-1] + constant * np.log(pressure / stagnation_Pa)
+    temperature: Floats = np.interp(isentrope, entropy, table_K)
     rise = enthalpy[-1] - gas.vapour.one("enthalpy", temperature)
     speed = np.sqrt(2 * np.maximum(rise, 0.0))
     flux = pressure / (constant * temperature) * speed

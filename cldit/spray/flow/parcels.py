@@ -91,18 +91,18 @@ class Cloud:
         exchanged = np.full(_EXCHANGED, _MOST_EXCHANGED * mass_kg)
         exchanged[1:4] *= speed
         exchanged[5] *= _HOTTEST_K
-        given = mass_kg * np.array([1.0, _MOST_J_kg, speed, speed, speed])
+        released = mass_kg * np.array([1.0, _MOST_J_kg, speed, speed, speed])
         areas = float(injection.diameter_m**2 @ injection.droplets) or 1.0
         crossed = [2 * mass_kg, 4 * areas, 4e-3 * areas]
         self._total_scales = [fixed_point_scale(bound) for bound in crossed]
         exchange_scales, exchange_units = self._scales(exchanged)
-        scales, units = self._scales(given)
+        scales, units = self._scales(released)
         self._sums = zeros(self.device, "sums", _EXCHANGED * fields.cells, np.int64)
         self._totals = zeros(self.device, "totals", 3, np.int64)
         self._failed = zeros(self.device, "failed", 1, np.int32)
         self._exchange = fields.plane("exchange of parcels", _EXCHANGED)
-        known: dict[str, Any] = {
-            **flow.known,
+        shared: dict[str, Any] = {
+            **flow.arguments,
             **fields.places(),
             "state": self.state,
             "droplets": upload(self.device, "droplets", droplets),
@@ -135,10 +135,10 @@ class Cloud:
         }
         self._program = build(self.device, "spray/parcels.cl", defines)
 
-        def bind(kernel: str, items: int = _GROUP, **others: Any) -> Any:
-            whole = {**known, **others}
+        def bind(kernel: str, items: int = _GROUP, **extra: Any) -> Any:
+            available = {**shared, **extra}
             names = self._program.takes(kernel)
-            arguments = {name: whole[name] for name in names}
+            arguments = {name: available[name] for name in names}
             return self._program.bind(kernel, (items,), (_GROUP,), arguments)
 
         self._pack_gas, self._pack_exchange = (
@@ -158,7 +158,7 @@ class Cloud:
 
         def receive(target: Any, planes: int, unit: Any) -> list[Any]:
             as_fields = fields.bind(
-                "spray/gas_receipt.cl", "as_fields", known, kinds=planes, fields=target, units=unit
+                "spray/gas_receipt.cl", "as_fields", shared, kinds=planes, fields=target, units=unit
             )
             mixed = flow.mixing.launches(
                 target,
@@ -168,8 +168,8 @@ class Cloud:
                 exchange=(spread[0], spread[1]),
                 factor=1.0,
             )
-            last = flow.mixing.along(target, planes, mass=volume, flux=still, diffusions=along)
-            return [as_fields, *mixed, last]
+            radial = flow.mixing.along(target, planes, mass=volume, flux=still, diffusions=along)
+            return [as_fields, *mixed, radial]
 
         self._exchanged = receive(self._exchange, _EXCHANGED, exchange_units)
         self._given = receive(flow.amounts, _GIVEN, units)
