@@ -138,7 +138,7 @@ def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Flo
 
 
 def _tabled(window: Window, wavelength_um: Floats) -> tuple[Floats, Floats]:
-    found = []
+    shares = []
     for name, curve in (("transmission", window.transmission), ("reflection", window.reflection)):
         known_um, share = np.array(curve, float).T
         if wavelength_um.size and not (
@@ -149,8 +149,8 @@ def _tabled(window: Window, wavelength_um: Floats) -> tuple[Floats, Floats]:
                 f"{known_um[-1]:g} um, the filter covers {wavelength_um.min():g} to "
                 f"{wavelength_um.max():g} um"
             )
-        found.append(np.asarray(np.interp(wavelength_um, known_um, share)))
-    return found[0], found[1]
+        shares.append(np.asarray(np.interp(wavelength_um, known_um, share)))
+    return shares[0], shares[1]
 
 
 def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:
@@ -170,7 +170,7 @@ def band_panes(window: Window, filter_um: Filter, *, reference_K: Floats) -> tup
         ]
     )
     window_shares(window, edges)  # refuses a filter beyond the data
-    return tuple(mean_pane(window, middles, one) for one in light.T)
+    return tuple(mean_pane(window, middles, spectrum) for spectrum in light.T)
 
 
 def mean_pane(window: Window, wavelength_um: Floats, light: Floats) -> Pane:

@@ -59,14 +59,14 @@ def read_xsc(path: Path) -> VapourBand:
         if np.max(shift) > 1.0:
             raise OpticsError(f"{path}: the blocks do not cover the same wavenumbers")
     table = [np.interp(number, block.number_per_cm, block.values) for block in blocks]
-    one = len(blocks) == 1
+    single = len(blocks) == 1
     return VapourBand(
         species=blocks[0].molecule,
         source=str(path),
         status="user",
         wavenumber_per_cm=(float(number[0]), float(number[-1])),
         temperatures_K=(100.0, 1500.0)
-        if one
+        if single
         else (float(temperatures[0]), float(temperatures[-1])),
         number_per_cm=number,
         rows_K=temperatures,
@@ -88,8 +88,8 @@ def _block(lines: list[str], at: int, path: Path) -> tuple[_Block, int]:
             f"{path}: line {at + 1}: {low:g}..{high:g} 1/cm, {count} points, {temperature:g} K"
         )
     needed = -(-count // 10)
-    text = lines[at + 1 : at + 1 + needed]
-    cells = [line[place : place + 10] for line in text for place in range(0, 100, 10)]
+    block_lines = lines[at + 1 : at + 1 + needed]
+    cells = [line[place : place + 10] for line in block_lines for place in range(0, 100, 10)]
     try:
         values = np.array([float(cell) for cell in cells[:count] if cell.strip()])
     except ValueError as error:
