@@ -113,7 +113,7 @@ def triple(vector: Floats) -> str:
 
 
 def only_claimant(role: str, claimants: Iterable[Path]) -> Path:
-    """Returns the only file in a `role` such as "the mesh of step 10"; raises if several claim it."""
+    """Returns the only file in a `role` ("the mesh of step 10"); raises if several claim it."""
     distinct = sorted(set(claimants))
     if len(distinct) > 1:
         shown = ", ".join(map(str, distinct))

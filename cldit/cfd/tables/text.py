@@ -118,10 +118,7 @@ def text_columns(
     if delimiter == table.decimal:
         problem = f"{delimiter!r} is both the delimiter and the decimal mark"
         raise SprayError(f"{file}: {problem}; allowed delimiters: ; tab space")
-    with open_regular(file) as stream:
-        stream.seek(max(stream.seek(0, 2) - 2, 0))
-        if not stream.read().strip(b"\0").endswith((b"\n", b"\r")):
-            raise SprayError(f"{file}: its last line has no end: the file is cut off")
+    _check_last_line(file)
     count = 0
 
     def lines(check: bool) -> Iterator[str]:
@@ -175,12 +172,8 @@ def text_columns(
         cells = ((split_line(line, delimiter), place) for line in lines(True) for place in used)
         bad = ((names[at], row[at].strip()) for row, at in cells if not _is_number(row[at]))
         name, cell = next(bad, ("", ""))
-        way = "write numbers, or leave a cell empty that has none"
-        if _THOUSANDS.fullmatch(cell):
-            way = "remove the thousands separators"
-        elif "," in cell:
-            way = "for a decimal comma give `decimal: ','` in the mapping file"
         shown = f"{cell!a} in the column {name}"
+        way = _way_to_numbers(cell)
         raise SprayError(f"{file}: not all numbers: row {count} has {shown}; {way}") from error
     if len(rows) != count:
         raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
@@ -188,6 +181,23 @@ def text_columns(
         names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
         for place in (*used, *(marks if mark_form == "f8" else named))
     }
+
+
+def _check_last_line(file: Path) -> None:
+    """Refuses a file whose last line has no end, as it is cut off."""
+    with open_regular(file) as stream:
+        stream.seek(max(stream.seek(0, 2) - 2, 0))
+        if not stream.read().strip(b"\0").endswith((b"\n", b"\r")):
+            raise SprayError(f"{file}: its last line has no end: the file is cut off")
+
+
+def _way_to_numbers(cell: str) -> str:
+    """Advice on a cell that is no number."""
+    if _THOUSANDS.fullmatch(cell):
+        return "remove the thousands separators"
+    if "," in cell:
+        return "for a decimal comma give `decimal: ','` in the mapping file"
+    return "write numbers, or leave a cell empty that has none"
 
 
 def numbers_in(file: Path, names: list[str], table: Table) -> set[str]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats, Ints, Reals
 from cldit.errors import SprayError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
@@ -76,24 +76,11 @@ class Cloud:
         packet = self._width * _GROUP
         self.capacity = -(-max(count, 1) // packet) * packet
         self.born, self.number = 0, 0
-        each_kg = fuel.mass_kg(injection.diameter_m, np.full(count, spec.fuel_temperature_K))
-        state = np.zeros((8, self.capacity), np.float32)
-        self._each_kg = each_kg
-        state[0, :count], state[1] = each_kg, spec.fuel_temperature_K
-        state[2:5, :count], state[5:8, :count] = injection.velocity_m_s.T, injection.position_m.T
-        droplets = np.zeros(self.capacity, np.float32)
-        droplets[:count] = injection.droplets
-        birth = np.zeros(self.capacity, np.float32)
-        birth[:count] = injection.time_s
+        hot_K = np.full(count, spec.fuel_temperature_K)
+        self._each_kg = fuel.mass_kg(injection.diameter_m, hot_K)
+        state, droplets, birth = self._initial(spec.fuel_temperature_K)
         self.state = upload(self.device, "parcels", state.reshape(-1))
-        mass_kg = float(each_kg @ injection.droplets) or 1.0
-        speed = 4 * injection.speed_m_s
-        exchanged = np.full(_EXCHANGED, _MOST_EXCHANGED * mass_kg)
-        exchanged[1:4] *= speed
-        exchanged[5] *= _HOTTEST_K
-        released = mass_kg * np.array([1.0, _MOST_J_kg, speed, speed, speed])
-        areas = float(injection.diameter_m**2 @ injection.droplets) or 1.0
-        crossed = [2 * mass_kg, 4 * areas, 4e-3 * areas]
+        exchanged, released, crossed = self._bounds()
         self._total_scales = [fixed_point_scale(bound) for bound in crossed]
         exchange_scales, exchange_units = self._scales(exchanged)
         scales, units = self._scales(released)
@@ -147,6 +134,38 @@ class Cloud:
         self._add_exchange = bind("add_exchange", scales=exchange_scales)
         self._move = bind("move", scales=scales)
         self._give_birth = bind("give_birth")
+        self._exchanged, self._released = self._receipts(shared, exchange_units, units)
+
+    def _initial(self, fuel_K: float) -> tuple[Reals, Reals, Reals]:
+        """State (8, capacity), droplets and birth (capacity,) of the parcels; zeros beyond them."""
+        injection, count = self._injection, len(self._injection.time_s)
+        state = np.zeros((8, self.capacity), np.float32)
+        state[0, :count], state[1] = self._each_kg, fuel_K
+        state[2:5, :count], state[5:8, :count] = injection.velocity_m_s.T, injection.position_m.T
+        droplets = np.zeros(self.capacity, np.float32)
+        droplets[:count] = injection.droplets
+        birth = np.zeros(self.capacity, np.float32)
+        birth[:count] = injection.time_s
+        return state, droplets, birth
+
+    def _bounds(self) -> tuple[Floats, Floats, list[float]]:
+        """Bounds of the sums in fixed point: exchange with the gas, amounts that the parcels
+        release to it, and totals of the parcels that cross the station."""
+        injection = self._injection
+        mass_kg = float(self._each_kg @ injection.droplets) or 1.0
+        speed = 4 * injection.speed_m_s
+        exchanged = np.full(_EXCHANGED, _MOST_EXCHANGED * mass_kg)
+        exchanged[1:4] *= speed
+        exchanged[5] *= _HOTTEST_K
+        released = mass_kg * np.array([1.0, _MOST_J_kg, speed, speed, speed])
+        areas = float(injection.diameter_m**2 @ injection.droplets) or 1.0
+        return exchanged, released, [2 * mass_kg, 4 * areas, 4e-3 * areas]
+
+    def _receipts(
+        self, shared: dict[str, Any], exchange_units: Any, units: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """Kernels that convert the sums of exchange and of amounts to fields, and spread them."""
+        flow, fields, grid = self.flow, self.flow.fields, self.flow.grid
         spread = [self._extent(axis) for axis in (1, 0)]
         volume = fields.plane("volume", value=1.0)
         fields.write(volume, grid.volume_m3)
@@ -171,8 +190,8 @@ class Cloud:
             radial = flow.mixing.along(target, planes, mass=volume, flux=still, diffusions=along)
             return [as_fields, *mixed, radial]
 
-        self._exchanged = receive(self._exchange, _EXCHANGED, exchange_units)
-        self._given = receive(flow.amounts, _GIVEN, units)
+        exchange = receive(self._exchange, _EXCHANGED, exchange_units)
+        return exchange, receive(flow.amounts, _GIVEN, units)
 
     def _single(self, name: str, values: Floats) -> Any:
         return upload(self.device, name, np.asarray(values, np.float32).reshape(-1))
@@ -209,7 +228,7 @@ class Cloud:
         self._pack_exchange()
         clear(self.device, self._sums, _GIVEN * fields.cells, np.int64)
         self._move.resized(size)(step=step_s, born=self.born, number=self.number)
-        for launch in self._given:
+        for launch in self._released:
             launch()
         self.number += 1
         return True
