@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
-
-GAS_CONSTANT_J_mol_K = 8.31446261815324
+from cldit.constants import GAS_CONSTANT_J_mol_K
 
 HEPTANE_MOLAR_MASS_kg_mol = 0.100204
 HEPTANE_CRITICAL_K = 540.20

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats, Ints
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     NITROGEN,
-    GAS_CONSTANT_J_mol_K,
     HEPTANE_CRITICAL_Pa,
     HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,

@@ -21,6 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from cldit.arrays import Floats, Ints
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
@@ -37,7 +38,6 @@ from cldit.spray.result import Cells, Parcels, Spray, Vapour
 THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
 SMALLEST_m = 1e-7  # smaller droplets count as evaporated
 _WIEN_K = 4232.0  # h c / (k lambda) at 3.4 um, of the radiance whose mean a cell's vapour has
-_AVOGADRO = 6.02214076e23
 
 
 def make_cone(spec: ConeSpray, device: Device) -> Spray:
@@ -176,7 +176,7 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     lower, upper = (np.asarray(at * spec.lattice_m, dtype=float) for at in (index, index + 1))
     return Vapour(
         cells=Cells(lower_m=lower, upper_m=upper),
-        number_density_m3=mass[held] / spec.lattice_m**3 * (_AVOGADRO / molar),
+        number_density_m3=mass[held] / spec.lattice_m**3 * (AVOGADRO_PER_MOL / molar),
         temperature_K=temperature[held],
         molar_mass_kg_mol=molar,
     )
