@@ -24,7 +24,7 @@ from cldit.arrays import Floats
 from cldit.camera.correlation import correlation
 from cldit.errors import EvaluationError
 
-_BLURS_px = (4.0, 1.5, 0.0)
+_BLURS_px = (4.0, 1.5, 0.0)  # standard deviations in turn: a wide minimum first, then the exact one
 _STEP = 1e-3  # of a derivative, in pixels at the edge of the image
 _ALIKE = 0.5  # least correlation of the two emissivities
 _LEAST_EMISSIVITY = 0.02  # mean over the image, without which there is nothing to align

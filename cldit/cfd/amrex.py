@@ -54,8 +54,8 @@ _REALS = {  # form and order of bytes in the head of a FAB
     b"((8, (32 8 23 0 1 9 0 127)),(4, (4 3 2 1)))": "<f4",
     b"((8, (32 8 23 0 1 9 0 127)),(4, (1 2 3 4)))": ">f4",
 }
-_HEAD = 1_000  # bytes in which the head of a FAB ends
-_ROUNDED = 1e-6  # relative: the ranges in Cell_H are those of doubles
+_HEAD = 1_000  # bytes, above those of a FAB's head: the form of its reals and nine integers
+_ROUNDED = 1e-6  # relative: Cell_H has ranges of doubles; floats differ by 2^-24 = 6e-8
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,8 @@
 """Assumptions where a case does not state a figure; each is reported and kept in the run."""
 
 from cldit.cfd.case import CfdCase
-from cldit.cfd.names import fuel_of, molar_mass_kg_mol, similar
+from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, molar_mass_kg_mol, similar
 from cldit.scene.spray import CfdSpray
-
-_SLACK = 0.01  # of the molar mass: an isotope, or rounded
 
 
 def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
@@ -24,7 +22,7 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
         caveat = "" if case.cloud is None else "; gas and parcels were not compared by theirs"
         remarks.append(f"{case.source}: does not state its time{caveat}.")
     fuel, stated = fuel_of(spec), molar_mass_kg_mol(spec.fuel_field)
-    if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > _SLACK:
+    if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > SAME_MOLAR_MASS:
         used = f"Molar mass of {spec.fuel_field}: {spec.fuel_molar_mass_kg_mol:g} kg/mol, as given"
         remarks.append(f"{used}; by its formula it is {stated:.6g} (spray.fuel_molar_mass_kg_mol).")
     if stated is None:
@@ -42,7 +40,7 @@ def with_molar_mass(spec: CfdSpray) -> CfdSpray:
     if (
         stated is None
         or spec.fuel_molar_mass_kg_mol != default
-        or abs(stated / default - 1) < _SLACK
+        or abs(stated / default - 1) < SAME_MOLAR_MASS
     ):
         return spec
     return spec.model_copy(update={"fuel_molar_mass_kg_mol": stated})

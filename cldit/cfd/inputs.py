@@ -8,7 +8,7 @@ from cldit.io.extras import needed
 from cldit.io.files import check_regular, read_text
 from cldit.io.free_memory import free_bytes
 
-_AT_ONCE = 1 << 22
+_AT_ONCE = 1 << 22  # bytes; what is read may exceed the limit of the memory by so much
 _SHARE = 3  # text is held twice while it is put together, and its numbers beside it
 
 

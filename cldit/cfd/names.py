@@ -76,7 +76,10 @@ _FUELS = {
     "NC8H18": "n-octane",
     "CH4": "methane",
 }
-_HEPTANE_KG_MOL, _SLACK = 0.100204, 0.01
+_HEPTANE_KG_MOL = 0.100204
+# Relative difference of molar masses below which fuels are the same: rounded masses of atoms
+# change them by some 0.2 %, neighbours in the series of alkanes by 14 % (C7 and C8) to 5 % (C20).
+SAME_MOLAR_MASS = 0.01
 
 
 def formula(field: str) -> str:
@@ -117,6 +120,6 @@ def is_liquid(name: str) -> bool:
 def fuel_of(spec: CfdSpray) -> str:
     """Name of the fuel by `fuel_field`, which n-heptane's molar mass replaces."""
     name = formula(spec.fuel_field)
-    heptane = abs(spec.fuel_molar_mass_kg_mol / _HEPTANE_KG_MOL - 1.0) < _SLACK
+    heptane = abs(spec.fuel_molar_mass_kg_mol / _HEPTANE_KG_MOL - 1.0) < SAME_MOLAR_MASS
     formula_match = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
     return _FUELS.get(name, "n-heptane" if heptane and not formula_match else spec.fuel_field)

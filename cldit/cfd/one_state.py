@@ -139,10 +139,10 @@ def _check_summary(cloud: Cloud) -> None:
 
 
 _FEW, _MANY = 20, 50  # values of a column of identities; of another column whose values recur
-_MOST_ROWS = 100_000
+_MOST_ROWS = 100_000  # that are compared, all of some values; bounds the time of the check
 _TIMES_IN = 10  # times of which other columns than identities tell
 _MOST_PAIRS = 0.95  # of pairs of rows that must have a property of one parcel at two times
-_DIGITS = 1e-5  # relative to the leading digit
+_DIGITS = 1e-5  # relative to the leading digit: tables have six significant digits or more
 _SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injected together
 
 
@@ -366,7 +366,7 @@ def check_volume(mesh: CellMesh, volume_m3: float) -> None:
 
 
 _LAYER = 1e-5  # of the width: centroids of one layer of cells lie in a plane
-_SAMPLE = 2_000
+_SAMPLE = 2_000  # cells: a mesh with 1 % of them off a layer passes once in 0.99^-2000 = 5e8 times
 
 
 def check_layers(mesh: CellMesh) -> None:

@@ -14,7 +14,7 @@ from cldit.scene.spray import CfdSpray
 from cldit.scene.values import ZERO_CELSIUS_K
 
 _MOST_KG = {"liquid": 0.01, "vapour": 0.1}  # an injection has milligrams, a large engine's grams
-_LONGEST_m = 1.0
+_LONGEST_m = 1.0  # of a penetration: chambers and engines are shorter
 _FITS = 0.05  # relative deviation of a density from an ideal gas
 _OFF = 0.15  # beyond it, another unit of temperature or pressure is tried
 _FREEZING_K = {

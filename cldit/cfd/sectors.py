@@ -177,7 +177,7 @@ def _plane_way(normal: Floats) -> str:
 
 
 _SPARSE = 61  # a prime: no common factor with the points of a row or a cell
-_BINS = 36_000  # of azimuth; gaps narrower than one are no gaps
+_BINS = 36_000  # of azimuth, 0.01 degrees each; gaps narrower than one are no gaps
 _PLANE = 1e-4  # radians by which points of a plane through the axis may miss it
 
 

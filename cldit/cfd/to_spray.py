@@ -13,7 +13,7 @@ from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
-from cldit.cfd.names import fuel_of, other_fuels
+from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.plausible import (
@@ -41,7 +41,6 @@ _NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
 _LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
 _PRESSURE_Pa = (1e4, 5e7)  # of engines and chambers; a gauge pressure is often below
-_MOLAR = 0.01  # relative difference of molar masses: another fuel
 _SECOND = 0.01  # of the fuel's largest mass fraction: a second fuel
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
 
@@ -98,7 +97,7 @@ def _stored(spec: CfdSpray) -> Spray:
         raise SprayError(f"{spec.file}: spray.fuel_field: {requested}; the file contains {fuel}")
     if not spray.fuel and vapour is not None:  # a file of an older version
         mass = with_molar_mass(spec).fuel_molar_mass_kg_mol
-        if abs(vapour.molar_mass_kg_mol / mass - 1.0) > _MOLAR:
+        if abs(vapour.molar_mass_kg_mol / mass - 1.0) > SAME_MOLAR_MASS:
             fuel = f"one of {vapour.molar_mass_kg_mol:g} kg/mol (spray.fuel_field names it)"
     if spec.time_s is not None:
         stated = [spray.notes["time_s"]] if "time_s" in spray.notes else []

@@ -17,7 +17,7 @@ def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
     return values.reshape(-1, count, edge, count, edge, count, edge)
 
 
-_IN_BLOCK = (2, 4, 6)
+_IN_BLOCK = (2, 4, 6)  # axes of that view inside a block, and inside a brick
 _IN_BRICK = (1, 2, 3, 4, 5, 6)
 
 

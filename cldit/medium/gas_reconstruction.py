@@ -17,7 +17,7 @@ from cldit.spray.result import Cells, Vapour
 
 FINEST_m = 0.5e-3  # boxes of at most this edge are not divided
 _MOST = 4  # parts along an edge
-_MOST_BOXES = 8_000_000
+_MOST_BOXES = 8_000_000  # of eight doubles each: half a gigabyte
 _SIZES = 16  # boxes of more sizes are on no lattice
 _OFF = 1e-3  # of an edge: largest distance of a box from its place
 

@@ -12,7 +12,7 @@ from cldit.arrays import Floats, Ints
 _FEWEST = 1000  # boxes; with fewer, pairs are as fast
 _SPARSEST = 16  # lattice points per box; with more, the dense lattice is slower than the pairs
 _FINEST = 1e-2  # of a cell; a finer lattice would consist of slivers
-_TOLERANCE = 1e-5  # in cells: largest distance of a box from its lattice point
+TOLERANCE = 1e-5  # in cells: largest distance of a box from its lattice point
 _SLIVER = 1e-6  # in cells: the neighbour receives smaller overlaps
 
 
@@ -44,7 +44,7 @@ class Lattice:
             steps = (low - begin) / step
             index.append(np.rint(steps).astype(np.int64))
             off = np.abs(steps - index[-1]).max() * step
-            if np.abs(high - low - step).max() > _TOLERANCE or off > _TOLERANCE:
+            if np.abs(high - low - step).max() > TOLERANCE or off > TOLERANCE:
                 return None
         nx, ny, nz = (int(points.max()) + 1 for points in index)
         if nx * ny * nz > _SPARSEST * len(lower):

@@ -16,6 +16,7 @@ from cldit.arrays import Floats, Mask
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.frame import BRICK, Frame
+from cldit.medium.lattice import TOLERANCE
 from cldit.medium.octree import Sources, placed_sources
 from cldit.medium.rasterise import REACH
 from cldit.spray.extent import Box, Cloud
@@ -23,7 +24,6 @@ from cldit.spray.extent import Box, Cloud
 DEEPEST = 12  # halvings of a cube
 MOST_CELLS = 60_000_000
 _PARTS = 4  # largest ratio of the smallest box to a voxel of the grid of all boxes
-_OFF = 1e-5  # in cells: largest distance of a face from the grid, as in `cldit.medium.lattice`
 _FEW = 0.01  # share of the extinction of all boxes that may be resolved less
 # Cells along a scattering medium. The error of one cell of depth 0.4 is 0.5 K, of 8^3 cells 0.06 K.
 ACROSS = 8
@@ -114,7 +114,7 @@ def in_whole_cells(frame: Frame, sources: Sources) -> bool:
     if not known_in_boxes(sources):
         return False
     corners = (frame.to_cells(corner) for corner in _boxes(sources))
-    return all(np.abs(corner - np.rint(corner)).max(initial=0.0) <= _OFF for corner in corners)
+    return all(np.abs(corner - np.rint(corner)).max(initial=0.0) <= TOLERANCE for corner in corners)
 
 
 def _common_edge(lower: Floats, upper: Floats) -> float | None:
@@ -127,7 +127,7 @@ def _common_edge(lower: Floats, upper: Floats) -> float | None:
     for parts in range(1, _PARTS + 1):
         edge = span / round(span / smallest * parts)  # by the span, to avoid the box's rounding
         steps = (lower - origin) / edge, (upper - origin) / edge
-        if all(np.abs(step - np.rint(step)).max() <= _OFF for step in steps):
+        if all(np.abs(step - np.rint(step)).max() <= TOLERANCE for step in steps):
             return edge
     return None
 

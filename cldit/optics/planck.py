@@ -30,8 +30,8 @@ if TYPE_CHECKING:  # half of a second, for tables that few processes make
 LIGHT_SPEED_m_s = 299792458.0  # exact in the SI
 SECOND_RADIATION_CONSTANT_m_K = 6.62607015e-34 * 299792458.0 / 1.380649e-23  # h c / k, exact
 
-_REACH = 50.0  # exp(-50) = 2e-22
-_CHUNK = 1 << 16
+_REACH = 50.0  # in x beyond the long edge: exp(-50) = 2e-22 of the integrand is left
+_CHUNK = 1 << 16  # temperatures at a time: at up to 49 nodes each array has 26 MB
 _SPAN = (1e-8, 2000.0)  # x of the inverse's table; float64 radiance ends near x = 850
 _NODES = 16384  # cubic Hermite: (26 / 16384)^4 * 6 / 384 = 1e-13
 _FEW = 4096  # temperatures that are integrated one by one; more are read from a table

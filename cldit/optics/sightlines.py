@@ -21,7 +21,7 @@ from cldit.spray.result import Parcels, Spray, Vapour
 _ACROSS = 256  # beams each way at most: 50 MB for each amount
 _BINS = 14  # of equal width in depth and in temperature, whose lines are alike
 _SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot around it
-_SIZES = 6
+_SIZES = 6  # classes of droplets, of equal area
 _TYPICAL_m2_mol = 30.0  # to sort lines by thickness; any fuel's C-H band, in order of magnitude
 _THIN = 0.05  # optical depth below which a line is ignored, unless all are
 

@@ -23,9 +23,9 @@ from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
 
 _STEP_per_cm = 2.0  # a sixth of the narrowest bands of n-heptane, liquid and vapour
-_MOST = 400
+_MOST = 400  # samples of a filter: 800 1/cm at that step, wider filters have wider steps
 _GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
-_VAPOUR_KNOTS = 5
+_VAPOUR_KNOTS = 5  # temperatures of the vapour, between which its absorption is linear
 _LIQUID_SPAN_K = 5.0  # k follows the density, 0.15 %/K and nearly straight: two ends suffice
 
 

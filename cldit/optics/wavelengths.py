@@ -40,7 +40,7 @@ Groups = NDArray[np.intp]
 MOST_NODES = 24  # unless the scene asks for more
 PAPER_UM = (3.3, 3.5)  # filter of the paper, whose constants are means over it
 _NEAR_UM = 0.1  # beyond that filter the C-H band has other constants
-_FORM = 7  # of kept choices
+_FORM = 7  # version of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 
 

@@ -65,6 +65,7 @@ class Material:
         return np.asarray(np.sqrt(1.0 + terms) + self.slope_per_K * (temperature_K - self.at_K))
 
 
+# k of CaF2 over the wavelength, see above
 _CRYSTRAN_um = (2.0, 2.5, 4.7, 4.75, 4.8, 4.9, 5.0, 5.1, 5.2, 5.4, 5.5, 5.6)
 _CRYSTRAN_k = (
     9.56e-9, 0.0, 0.0, 8.6e-9, 2.14e-8, 5.17e-8, 7.62e-8, 9.08e-8, 9.57e-8, 9.61e-8, 9.72e-8,

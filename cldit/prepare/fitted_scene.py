@@ -15,7 +15,7 @@ from cldit.scene.vessel import FINEST
 from cldit.spray.result import Spray
 
 _ROOM = 1.15  # of the field and the cube, over what they must contain
-_BACKGROUNDS = 6
+_BACKGROUNDS = 6  # temperatures of the black body that are suggested
 _SPAN_K = 100.0  # from the coldest background to the hottest, at least
 _COLDEST_K = 300.0  # black bodies are heated
 _PIXELS = 1000  # along the field's longer side

@@ -15,7 +15,7 @@ from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import PhaseError, ScatteringTable
 from cldit.transport.size_classes import MOST_CLASSES, TOLERATED, in_size_classes
 
-_FORM = 2  # of kept phase functions
+_FORM = 2  # version of kept phase functions
 
 
 def droplets_content(spray: Spray) -> str:

@@ -22,7 +22,7 @@ Labels = NDArray[np.signedinteger]
 
 FEW_FACES, OPEN, NO_VOLUME = 1, 2, 3
 _OPEN = 0.01  # share of a cell's surface that may be missing; the slack is for float32 points
-_SIDES = 8_000  # at a time, whose arrays stay in the cache
+_SIDES = 8_000  # at a time: an array (3, N) of doubles takes 0.2 MB, and all stay in the cache
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_name
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
-from cldit.cfd.openfoam.collated import Root, split_roots
+from cldit.cfd.openfoam.collated import HEAD_BYTES, Root, split_roots
 from cldit.cfd.openfoam.file import find_foam, open_foam, read_foam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
@@ -168,10 +168,9 @@ def _cloud(
     return joined_cloud(name, source, parts, names, columns)
 
 
-_HEAD = 10_000
 _NOTE = re.compile(rb"nPoints:\s*(\d+)\s+nCells:\s*(\d+)\s+nFaces:\s*(\d+)")
 _COUNT = re.compile(rb"^\s*(\d+)\s*\(", re.MULTILINE)
-_PACKED = 4  # bytes of a file for each byte of its .gz
+_PACKED = 4  # bytes for each of a .gz: lists of labels in text, of which gzip keeps a quarter
 
 
 def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
@@ -195,7 +194,7 @@ def _counts(owner: Path) -> tuple[int, int, int]:
         return 0, 0, 0
     try:
         with open_foam(path) as stream:
-            head = stream.read(_HEAD)
+            head = stream.read(HEAD_BYTES)
     except SprayError:  # the reader reports it
         return 0, 0, 0
     if (note := _NOTE.search(head)) is not None:

@@ -19,7 +19,7 @@ _NAME = re.compile(r"processors(\d+)(?:_(\d+)-(\d+))?$")
 GAP = rb"(?:\s++|//[^\n]*+\n|/\*(?>.*?\*/))*+"
 _BLOCK = re.compile(GAP + rb"(\d{1,18})\s*+\(", re.DOTALL)
 
-_GAP = 10_000  # bytes in which the size of a block is found
+HEAD_BYTES = 10_000  # in which a header, or the size of a block, ends: it has some 20 short lines
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, 
     first_block = inside = b""
     for number in range(block + 1):
         stream.seek(at)
-        match = _BLOCK.match(stream.read(_GAP))
+        match = _BLOCK.match(stream.read(HEAD_BYTES))
         if match is None:
             raise SprayError(
                 f"{path}: truncated, or of fewer processors: {number} blocks, no block {block}"

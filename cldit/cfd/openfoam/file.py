@@ -14,12 +14,11 @@ from typing import BinaryIO, cast
 
 from cldit.cfd.case import only_claimant
 from cldit.cfd.inputs import content, regular
-from cldit.cfd.openfoam.collated import COLLATED, block_of
+from cldit.cfd.openfoam.collated import COLLATED, HEAD_BYTES, block_of
 from cldit.errors import SprayError, reason
 from cldit.io.files import open_regular
 
 _HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
-_HEAD = 10_000  # bytes in which the header ends
 TIME = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?$")  # name of the folder of a time
 
 
@@ -93,7 +92,7 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
 
 def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[bytes, bytes], bytes]:
     """Entries of the header, and the rest; of a collated file, those of a block."""
-    entries, end = _head(stream.read(_HEAD), path)
+    entries, end = _head(stream.read(HEAD_BYTES), path)
     collated = entries.get(b"class", b"").strip() == COLLATED
     if collated != (block is not None):
         state = "is collated, but not in" if collated else "is not collated, but in"
@@ -103,11 +102,11 @@ def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[byte
         return entries, content(stream, path)
     arch = entries.get(b"arch")
     first_block, body = block_of(stream, end, path, block)
-    entries, end = _head(first_block[:_HEAD], path)
+    entries, end = _head(first_block[:HEAD_BYTES], path)
     if block == 0:
         body = first_block[end:]
-    elif _HEADER.search(body[:_HEAD]):
-        entries, end = _head(body[:_HEAD], path)
+    elif _HEADER.search(body[:HEAD_BYTES]):
+        entries, end = _head(body[:HEAD_BYTES], path)
         body = body[end:]
     if arch is not None:
         entries.setdefault(b"arch", arch)

@@ -21,9 +21,9 @@ from cldit.cfd.openfoam.file import FoamFile
 
 _LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(?:(\d++)(?:\s*+([({]))?+|(\())", re.DOTALL)
 _NONUNIFORM = re.compile(GAP + rb"nonuniform" + GAP + rb"(?=List|\d|\()", re.DOTALL)
-_DIGITS = 18  # of a count: more do not fit into an integer of eight bytes
+_DIGITS = 18  # of a count: 10^18 is below 2^63
 _MOST_UNIFORM = 1_000_000  # entries of a uniform list whose length nothing else gives
-_AT_ONCE = 1 << 23  # bytes of text that are turned into numbers at a time
+_AT_ONCE = 1 << 23  # bytes of text at a time: some million numbers, of as many bytes
 _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 

@@ -81,7 +81,7 @@ def _decoded(line: bytes) -> str:
         return line.decode("cp1252", "replace")
 
 
-_HEAD_LINES = 20
+_HEAD_LINES = 20  # in which [Data] follows [Name] in a file of CFD-Post
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 _EXACT = 2.0**53  # whole numbers below are exact as floats

@@ -15,7 +15,7 @@ from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
 COMPOSITE = (".vtkhdf",)
-_AT_ONCE = 1 << 20
+_AT_ONCE = 1 << 20  # rows: 25 MB of vectors in doubles
 _WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
 
 

@@ -34,12 +34,12 @@ _COUNTED: dict[bytes, tuple[bytes, bytes, int]] = {
 } | {
     name: (b"offsets", b"NumberOf" + name, 1) for name in (b"Verts", b"Lines", b"Strips", b"Polys")
 }
-_MOST_PACKED = 10_000  # bytes of content for each in the file
-_MOST_COMPONENTS = 100
+_MOST_PACKED = 10_000  # bytes of content for each in the file: LZMA packs zeros by some 7,000
+_MOST_COMPONENTS = 100  # of an array: a tensor has 9
 _OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
 _BEGIN = re.compile(rb"<AppendedData\b[^>]*>\s*_")
 _TYPE = re.compile(rb"(?:U?Int|Float)(8|16|32|64)")
-_AT_ONCE = 1 << 20
+_AT_ONCE = 1 << 20  # bytes of a file that are searched at a time
 _WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 
 

@@ -34,9 +34,8 @@ from cldit.spray.droplet.arrays import DropletKernels
 
 _HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
 _ZOOMS = 7  # each by 299: 1e15, down to rounding
-_ENTRIES = 3000  # of a table of one slice
-_FINE = 400  # entries of a table of many slices, in the range of liquid
-_SLICES = 41
+_FINE = 400  # entries in the range of liquid: steps of 4 % in B, 1e7^(1/399)
+_SLICES = 41  # evaporated shares from 0 to 1, linear between them: steps of 2.5 %
 _AT_ONCE = 20_000  # states that are processed in the cache
 
 

@@ -42,7 +42,7 @@ from cldit.spray.droplet.rates import Drop, Rates, rates
 
 _SIZE_m = 10e-6  # arbitrary: both rates are proportional to it at rest
 _ZOOMS = 5  # each by 400: 1e13, down to rounding
-_POINTS = 400
+_POINTS = 400  # of a zoom; and of a midpoint rule, of error 1/(24 400^2) = 3e-7 of the curvature
 _STEPS = 500  # of the d^2 law
 
 

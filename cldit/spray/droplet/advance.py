@@ -14,7 +14,6 @@ from cldit.errors import SprayError
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, HIGHEST_Pa
 
-_AXES = 3
 _ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
 
 
@@ -83,7 +82,7 @@ def advance(
     check_states(droplets, surroundings, duration_s, fuel)
     gas = surroundings
     axes = droplets.velocity_m_s.shape[1]
-    rest = [np.zeros(len(droplets.mass_kg))] * (_AXES - axes)
+    rest = [np.zeros(len(droplets.mass_kg))] * (3 - axes)  # kernels have three axes
     out, final = kernels.run(
         "advance_droplets",
         {

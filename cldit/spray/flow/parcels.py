@@ -22,6 +22,7 @@ from cldit.spray.droplet.fluids import Fuel, Gas, property_table
 from cldit.spray.droplet.models import MODELS, inert
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import Injection
+from cldit.spray.flow.ray_fields import GROUP
 
 SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from the tip
 TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
@@ -29,7 +30,6 @@ REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 NEAR_m = 10e-3  # distance up to which it flies as fast
 STATION_m = 15e-3  # below the injector, where the ECN measures droplets
 
-_GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for each
 _EXCHANGED, _GIVEN = 8, 5  # planes of sums
 # Bounds of the sums in terms of the injected mass: coefficients reach some hundred times the mass
 # where droplets are small and boil.
@@ -73,7 +73,7 @@ class Cloud:
         fields, grid = flow.fields, flow.grid
         self._width = fields.simd_width
         count = len(injection.time_s)
-        packet = self._width * _GROUP
+        packet = self._width * GROUP
         self.capacity = -(-max(count, 1) // packet) * packet
         self.born, self.number = 0, 0
         hot_K = np.full(count, spec.fuel_temperature_K)
@@ -122,11 +122,11 @@ class Cloud:
         }
         self._program = build(self.device, "spray/parcels.cl", defines)
 
-        def bind(kernel: str, items: int = _GROUP, **extra: Any) -> Any:
+        def bind(kernel: str, items: int = GROUP, **extra: Any) -> Any:
             available = {**shared, **extra}
             names = self._program.takes(kernel)
             arguments = {name: available[name] for name in names}
-            return self._program.bind(kernel, (items,), (_GROUP,), arguments)
+            return self._program.bind(kernel, (items,), (GROUP,), arguments)
 
         self._pack_gas, self._pack_exchange = (
             bind(kernel, fields.cells) for kernel in ("pack_gas", "pack_exchange")
@@ -219,7 +219,7 @@ class Cloud:
         if not self.born:
             return False
         fields = self.flow.fields
-        size = (-(-self.born // (self._width * _GROUP)) * _GROUP,)
+        size = (-(-self.born // (self._width * GROUP)) * GROUP,)
         self._pack_gas()
         clear(self.device, self._sums, _EXCHANGED * fields.cells, np.int64)
         self._add_exchange.resized(size)(step=step_s, born=self.born)
@@ -237,7 +237,7 @@ class Cloud:
         """Adds the parcels that left their holes before the time."""
         until = int(np.searchsorted(self._injection.time_s, time_s, side="left"))
         if until > self.born:
-            count = -(-(until - self.born) // _GROUP) * _GROUP
+            count = -(-(until - self.born) // GROUP) * GROUP
             launch = self._give_birth.resized((count,))
             launch(time=time_s, first=self.born, last=until)
             self.born = until

@@ -18,7 +18,7 @@ PROJECTED_m = 2.0e-6  # 2.0e-3 mm3/mm2
 THIN_PROJECTED_m = 0.2e-6
 PIXEL_m = 0.5e-3
 SPOT = 0.5 * HALF_WIDTH  # standard deviation, over the distance from the injector
-_CUT = 3.0  # standard deviations
+_CUT = 3.0  # standard deviations: 0.3 % of a Gaussian lie beyond
 _ROWS = 16  # that are computed at a time
 
 

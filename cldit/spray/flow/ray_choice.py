@@ -18,7 +18,7 @@ SPACING_AT_m = 25e-3  # distance at which a cell across the rays has the scene's
 NOSE_m = 1e-3  # radius of the tip, in which there is no gas
 MOST_CELLS = 2e7
 DEPTH_KEY = "spray.box.depth_m"
-_LEAST_DEPTH_m = 5e-3
+_LEAST_DEPTH_m = 5e-3  # the shortest reach of a plume, see `_reach_m`
 # Cell along the ray. Near the tip equal plumes touch: their gas is the same with half of it, not
 # with twice.
 _SHORTEST_m = 0.25e-3
@@ -27,7 +27,7 @@ _GROWTH = 1.12  # of cells beyond
 _BEHIND = np.radians(115.0)  # of the injector's axis, up to where there is gas
 _POLE = np.radians(15.0)
 _NEAREST_POLE = np.radians(3.0)
-_FIRST_TIME_S = 1.25e-3
+_FIRST_TIME_S = 1.25e-3  # up to which all times have one domain; later ones double it
 _OVER = 1.15  # Naber and Siebers' penetration; one plume alone in hot, thin gas has 1.12 times it
 _LEAST_LEAN = np.radians(15.0)  # of plumes beside a pole on the injector's axis
 _FEWEST = 3  # cells between planes of symmetry

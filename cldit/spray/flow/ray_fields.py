@@ -16,7 +16,7 @@ from cldit.spray.flow.rays import RayGrid
 
 _GUARD = 16  # kernels/spray/gas_cell.h
 _PACKET = 16  # rows are padded to multiples of it
-_GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for another
+GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for another
 
 
 class RayFields:
@@ -113,7 +113,7 @@ class RayFields:
         self, program: Program, kernel: str, items: int, arguments: Mapping[str, Any]
     ) -> Launch:
         """Launch of work-items in groups of one size."""
-        return program.bind(kernel, (items,), (_GROUP,), arguments)
+        return program.bind(kernel, (items,), (GROUP,), arguments)
 
 
 class Mixing:

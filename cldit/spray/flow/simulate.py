@@ -27,7 +27,7 @@ from cldit.spray.result import Parcels, Spray
 Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-5
-_RECORDS = 100
+_RECORDS = 100  # rows of the history of one spray
 CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
 _FEWEST_GAS_STEPS = 2  # near the tip cells are shorter, and the gas's divergence is a step late
 _FEWEST_JET_STEPS = 3  # a source of gas, `REACH_m` long, moves by a third of it
