@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.errors import SprayError
 from cldit.io.origin import FileRead
 from cldit.io.presented import Presented
@@ -20,15 +21,15 @@ if TYPE_CHECKING:
     import xarray
 
 
-def _checked(what: str, values: Floats, *, low: float, high: float) -> None:
+def _checked(label: str, values: Floats, *, low: float, high: float) -> None:
     if not values.size or low <= values.min() <= values.max() <= high:
         return  # comparisons are false for NaN
     if not np.all(np.isfinite(values)):
         bad = int(np.flatnonzero(~np.isfinite(values).reshape(values.shape[0], -1).all(axis=1))[0])
-        raise SprayError(f"{what}: entry {bad} is not finite")
+        raise SprayError(f"{label}: entry {bad} is not finite")
     bad = int(np.argmax((values < low) | (values > high)))
     raise SprayError(
-        f"{what}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
+        f"{label}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
     )
 
 
@@ -78,11 +79,11 @@ class Parcels:
     @property
     def masses_kg(self) -> Floats:
         """Liquid mass of each parcel (N,), n rho pi d^3 / 6."""
-        each = self.droplets * self.density_kg_m3
+        mass = self.droplets * self.density_kg_m3
         for _ in range(3):  # a power takes ten times as long
-            each *= self.diameter_m
-        each *= np.pi / 6
-        return np.asarray(each)
+            mass *= self.diameter_m
+        mass *= np.pi / 6
+        return np.asarray(mass)
 
     @property
     def mass_kg(self) -> float:
@@ -244,13 +245,13 @@ class Vapour:
     @property
     def masses_kg(self) -> Floats:
         """Mass of the vapour in each cell (N,)."""
-        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        molecule_kg = self.molar_mass_kg_mol / AVOGADRO_PER_MOL
         return np.asarray(self.number_density_m3 * self.cells.volume_m3 * molecule_kg)
 
     @property
     def mass_kg(self) -> float:
         """Mass of all vapour."""
-        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        molecule_kg = self.molar_mass_kg_mol / AVOGADRO_PER_MOL
         return float(np.sum(self.number_density_m3 * self.cells.volume_m3) * molecule_kg)
 
 

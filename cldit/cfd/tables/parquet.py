@@ -55,15 +55,15 @@ def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:
         table = opened.read(columns=list(names))
     except (ArrowException, OSError) as error:
         raise SprayError(f"{file}: is damaged or truncated ({error})") from error
-    found = {}
+    columns = {}
     for name in names:
         column = table.column(name)
         empty = column.is_null().to_numpy() if column.null_count else None
         values = np.asarray(column.cast("float64").to_numpy(), np.float64)
         about = opened.schema_arrow.field(name).metadata or {}
         unit = (about.get(b"unit") or about.get(b"units") or b"").decode() or None
-        found[name] = Column(f"{file}: column {name}", values, empty, unit)
-    return found
+        columns[name] = Column(f"{file}: column {name}", values, empty, unit)
+    return columns
 
 
 _NUMBERS = {"float", "double", "halffloat"} | {

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.optics.droplets import DropletTable, droplet_table, table_error
 from cldit.optics.liquid import Liquid, liquid, liquids
@@ -17,7 +18,6 @@ from cldit.optics.xsc import read_xsc
 from cldit.scene.schema import Scene
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import ConeSpray, LagrangianSpray
-from cldit.spray.cone.fluid_properties import GAS_CONSTANT_J_mol_K
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
 
 _STRATA = 400

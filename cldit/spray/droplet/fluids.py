@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
 from cldit.spray.droplet.curves import Curves, curves
 from cldit.spray.droplet.fits import gas_fits, liquid_fits
 from cldit.spray.droplet.substances import (
     Columns,
-    GAS_CONSTANT_J_mol_K,
     fuel_columns,
     gas_columns,
 )
@@ -67,12 +67,12 @@ class Fuel(Gas):
 
     def boiling_K(self, pressure_Pa: ArrayLike) -> Floats:
         """Boiling temperature, any shape, by bisection within the table."""
-        wanted = np.log(np.asarray(pressure_Pa, dtype=float))
-        low = np.full(wanted.shape, self.liquid.low_K)
-        high = np.full(wanted.shape, self.liquid.high_K)
+        ln_pressure = np.log(np.asarray(pressure_Pa, dtype=float))
+        low = np.full(ln_pressure.shape, self.liquid.low_K)
+        high = np.full(ln_pressure.shape, self.liquid.high_K)
         for _ in range(48):  # 500 K down to rounding
             middle = 0.5 * (low + high)
-            above = self.liquid.one("ln_psat", middle) > wanted
+            above = self.liquid.one("ln_psat", middle) > ln_pressure
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         return np.asarray(0.5 * (low + high))
 
@@ -116,7 +116,7 @@ def property_table(fuel: Fuel, gas: Gas) -> Floats:
         1 / fuel.critical_K,
     ]
     fits = (fuel.liquid_fits, fuel.vapour_fits, gas.vapour_fits)
-    return np.concatenate([constants, *(ends for ends, _ in fits), *(each for _, each in fits)])
+    return np.concatenate([constants, *(ends for ends, _ in fits), *(rows for _, rows in fits)])
 
 
 def fuel_table(name: str, *, cache: Path | None) -> Fuel:
@@ -173,9 +173,9 @@ def check_gas(fuel: Fuel, *, gas_K: float, pressure_Pa: float, names: tuple[str,
         )
 
 
-def _cached(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
-    text = f"{_FORM} {version('CoolProp')} {text}"
-    return _columns(cached(cache, kind="fluid", text=text, make=lambda: _arrays(build())))
+def _cached(key: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
+    key = f"{_FORM} {version('CoolProp')} {key}"
+    return _columns(cached(cache, kind="fluid", text=key, make=lambda: _arrays(build())))
 
 
 def _arrays(columns: Columns) -> Arrays:
@@ -190,9 +190,9 @@ def _arrays(columns: Columns) -> Arrays:
 def _columns(arrays: Arrays) -> Columns:
     """Inverse of `_arrays`."""
 
-    def part(wanted: str) -> Arrays:
+    def part(section: str) -> Arrays:
         parts = ((key.partition("."), value) for key, value in arrays.items())
-        return {name: value for (first, _, name), value in parts if first == wanted}
+        return {name: value for (prefix, _, name), value in parts if prefix == section}
 
     constants = {name: float(value) for name, value in part("constants").items()}
     grids = arrays["liquid_K."], arrays["vapour_K."]

@@ -53,9 +53,9 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
             f"begin at {least_K:.0f} K; allowed: hotter fuel, or a lower "
             "spray.injection_pressure_Pa"
         )
-    times, given = released_share(spec)
+    times, released = released_share(spec)
     top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=jet.flux_kg_m2_s)
-    flowing = np.flatnonzero(np.diff(given) > 0)
+    flowing = np.flatnonzero(np.diff(released) > 0)
     none = np.empty(0)
     return Injection(
         holes=tuple(
@@ -101,8 +101,8 @@ class GasJets:
         self, spec: LagrangianSpray, injection: Injection, jet: Expansion, flow: GasFlow
     ) -> None:
         self.flow, self.injected_kg = flow, 0.0
-        times, given = released_share(spec)
-        self._released = times, given * spec.injected_mass_kg
+        times, released = released_share(spec)
+        self._released = times, released * spec.injected_mass_kg
         self._time_s, self._last_kg = 0.0, 0.0
         mass, push = _sources(flow.grid, spec, injection, jet)
         hot_K = np.array([spec.fuel_temperature_K])

@@ -100,7 +100,7 @@ def test_everything_is_conserved(device: Device, step_s: float) -> None:
         force = flow.read("force")
         received[3:] += np.sum(force, axis=(1, 2, 3))
         scale[3:] += np.abs(force).sum() + np.abs(push * volume).sum()
-        leaving = np.abs(flow.fields.read(flow.known["flux"], 2)) * step_s
+        leaving = np.abs(flow.fields.read(flow.arguments["flux"], 2)) * step_s
         fastest = max(fastest, float((leaving / (flow.read("density") * volume)).max()))
     scale[:2] = before[0]
     scale[2] = flow.pressure_Pa * volume.sum()
