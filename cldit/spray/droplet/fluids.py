@@ -175,7 +175,7 @@ def check_gas(fuel: Fuel, *, gas_K: float, pressure_Pa: float, names: tuple[str,
 
 def _cached(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
     text = f"{_FORM} {version('CoolProp')} {text}"
-    return _columns(cached(cache, kind="fluid", text=text, make=lambda: _arrays(build())))
+    return _columns(cached(cache, kind="fluid", description=text, make=lambda: _arrays(build())))
 
 
 def _arrays(columns: Columns) -> Arrays:
