@@ -61,8 +61,8 @@ def _ours(place: Path) -> bool:
 
 def _about(shown: Shown, title: str, name: str) -> dict[str, Any]:
     rows, columns = shown.maps.emissivity.shape
-    width, height = (1e3 * one for one in shown.pixel_m)
-    x, z = (1e3 * one for one in shown.centre_m)
+    width, height = (1e3 * length_m for length_m in shown.pixel_m)
+    x, z = (1e3 * length_m for length_m in shown.centre_m)
     return {
         "name": title,
         "colormap": _COLOURS.get(name, "viridis"),

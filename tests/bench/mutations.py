@@ -272,8 +272,8 @@ MUTATIONS = (
         "resolution = (1e-3 / pixel_m[1], 1e-3 / pixel_m[0])", "unit/io", "unit/show"),
     row("cldit/api/series.py", "report.stat().st_mtime_ns < info.stat().st_mtime_ns", "False",
         "unit/api"),
-    row("cldit/api/napari_reader.py", "width, height = (1e3 * one for one in shown.pixel_m)",
-        "width, height = (1.0 * one for one in shown.pixel_m)", "unit/test_napari.py", "unit/api"),
+    row("cldit/api/napari_reader.py", "(1e3 * length_m for length_m in shown.pixel_m)",
+        "(1.0 * length_m for length_m in shown.pixel_m)", "unit/test_napari.py", "unit/api"),
 )  # fmt: skip
 
 
