@@ -18,8 +18,8 @@ _COLOURS = {"apparent temperature": "inferno", "emissivity": "gray", "optical de
 
 def get_reader(path: str | list[str]) -> Reader | None:
     """Reader of a path, or a list of one; None if it is not a result of cldit."""
-    place = _one(path)
-    if place is None or not _ours(place):
+    place = _single_path(path)
+    if place is None or not _is_result(place):
         return None
     return read_layers
 
@@ -29,7 +29,7 @@ def read_layers(path: str | list[str]) -> list[Layer]:
 
     Arrays (H, W) have row 0 at the top; scale and place are in mm, y downwards from the injector.
     """
-    place = _one(path)
+    place = _single_path(path)
     assert place is not None  # checked by get_reader
     shown = open_shown(place)
     images = {
@@ -45,13 +45,13 @@ def read_layers(path: str | list[str]) -> list[Layer]:
     ]
 
 
-def _one(path: str | list[str]) -> Path | None:
+def _single_path(path: str | list[str]) -> Path | None:
     if isinstance(path, list):
         return Path(path[0]) if len(path) == 1 else None
     return Path(path)
 
 
-def _ours(place: Path) -> bool:
+def _is_result(place: Path) -> bool:
     if place.is_file():
         return place.name == "measured.yaml"
     return any((place / name).is_file() for name in ("run.json", "journal.jsonl")) or (
