@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 from cldit.cfd.mapping.file import without_unit
+from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
 from cldit.scene.spray import CfdSpray
 
 # Lower case, letters and digits alone, without the unit; the likeliest first.
@@ -76,7 +77,7 @@ _FUELS = {
     "NC8H18": "n-octane",
     "CH4": "methane",
 }
-_HEPTANE_KG_MOL, _SLACK = 0.100204, 0.01
+_SLACK = 0.01
 
 
 def formula(field: str) -> str:
@@ -117,6 +118,6 @@ def is_liquid(name: str) -> bool:
 def fuel_of(spec: CfdSpray) -> str:
     """Name of the fuel by `fuel_field`, which n-heptane's molar mass replaces."""
     name = formula(spec.fuel_field)
-    heptane = abs(spec.fuel_molar_mass_kg_mol / _HEPTANE_KG_MOL - 1.0) < _SLACK
+    heptane = abs(spec.fuel_molar_mass_kg_mol / HEPTANE_MOLAR_MASS_kg_mol - 1.0) < _SLACK
     known = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
     return _FUELS.get(name, "n-heptane" if heptane and not known else spec.fuel_field)

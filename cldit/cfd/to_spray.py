@@ -25,6 +25,7 @@ from cldit.cfd.plausible import (
 )
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
+from cldit.constants import AVOGADRO_PER_MOL, GAS_CONSTANT_J_mol_K
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
 from cldit.io.origin import files_read
 from cldit.io.progress import Watch, silent
@@ -33,8 +34,6 @@ from cldit.spray.penetration import liquid_figures
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 from cldit.spray.spray_file import read_spray
 
-AVOGADRO_MOL = 6.02214076e23
-GAS_CONSTANT_J_MOL_K = 8.31446261815324
 AIR_KG_MOL = 0.02885  # dry air, for a case without rho, which does not state its gas
 
 _OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; clipped
@@ -228,7 +227,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         hint = f"p is a pressure in Pa{', ' + way if alone else ''}"
         pressure = _within(case, "p", low=low, high=high, hint=hint)
         moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
-        ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
+        ideal = pressure / (moles_kg * GAS_CONSTANT_J_mol_K * temperature)
     if "rho" in case.gas:
         density = _within(case, "rho", low=0.0, high=2e3, hint="rho is a density in kg/m3")
         if pressure is not None:
@@ -243,7 +242,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         density = ideal
     else:
         raise SprayError(f"{case.source}: neither rho nor p among the cell fields; one is needed")
-    number = density * fraction * (AVOGADRO_MOL / spec.fuel_molar_mass_kg_mol)
+    number = density * fraction * (AVOGADRO_PER_MOL / spec.fuel_molar_mass_kg_mol)
     return _Gas(temperature, fraction, number, remarks)
 
 

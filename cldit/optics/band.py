@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.medium.octree import CellSource, PointSource
 from cldit.optics.droplets import DropletTable, droplet_table
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.scene.optics import Optics
 from cldit.spray.result import Parcels, Prescribed, Spray, Vapour
-
-AVOGADRO_PER_MOL = 6.02214076e23
 
 
 @dataclass(frozen=True)

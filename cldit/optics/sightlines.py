@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.medium.deposit import PlacedBoxes
 from cldit.medium.lattice import Lattice
 from cldit.spray.extent import Box, Cloud
@@ -21,7 +22,6 @@ _ACROSS = 256  # beams each way at most: 50 MB for each amount
 _BINS = 14  # of equal width in depth and in temperature, whose lines are alike
 _SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot around it
 _SIZES = 6
-_MOLE = 6.02214076e23
 _TYPICAL_m2_mol = 30.0  # to sort lines by thickness; any fuel's C-H band, in order of magnitude
 _THIN = 0.05  # optical depth below which a line is ignored, unless all are
 
@@ -182,7 +182,7 @@ class _Gas:
     def of(cls, vapour: Vapour | None) -> "_Gas":
         if vapour is None:
             return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-        mol = vapour.number_density_m3 * vapour.cells.volume_m3 / _MOLE
+        mol = vapour.number_density_m3 * vapour.cells.volume_m3 / AVOGADRO_PER_MOL
         held = mol > 0
         cells = vapour.cells
         return cls(cells.lower_m[held], cells.upper_m[held], mol[held], vapour.temperature_K[held])

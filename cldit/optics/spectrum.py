@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
+from cldit.constants import ATMOSPHERE_Pa
 from cldit.optics.liquid import Liquid, liquid
 from cldit.optics.liquid_table import read_liquid_table
 from cldit.optics.response import Filter, edges_um
@@ -26,7 +27,6 @@ _MOST = 400
 _GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
 _VAPOUR_KNOTS = 5
 _LIQUID_SPAN_K = 5.0  # k follows the density, 0.15 %/K and nearly straight: two ends suffice
-_ROOM_Pa = 101325.0
 
 
 def fuel_of(scene: Scene, spray: Spray) -> str:
@@ -98,7 +98,7 @@ class Spectrum:
         if used.vapour is not None and spray.vapour is not None:
             there = spray.vapour.temperature_K[spray.vapour.number_density_m3 > 0]
             vapour_K = _knots(there, _VAPOUR_KNOTS)
-            pressure = getattr(getattr(scene.spray, "ambient", None), "pressure_Pa", _ROOM_Pa)
+            pressure = getattr(getattr(scene.spray, "ambient", None), "pressure_Pa", ATMOSPHERE_Pa)
             interval, part, vapour = _vapour(used.vapour, edges, vapour_K, pressure)
         liquid_K = np.zeros(0)
         n = k = np.zeros((0, len(part)))

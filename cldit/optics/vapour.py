@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.arrays import Floats
+from cldit.constants import ATMOSPHERE_Pa
 from cldit.errors import OpticsError
 from cldit.io.plain_data import parse_yaml
 
@@ -34,7 +35,6 @@ RADCAL_HEPTANE_AREA_KM_MOL = 761.0
 
 _DATA = "cldit.optics.data"
 _PREFIX = "vapour-"
-_ATMOSPHERE_Pa = 101325.0
 _SAMPLES = 4000  # wavelengths over a filter
 _CLASSES = 400  # of ln k, from which the groups of a k-distribution are made
 _WEAKEST = 1e-5  # of the mean: absorbs 0.1 % where the mean's optical depth is 100
@@ -72,7 +72,7 @@ class Elsasser:
     ) -> float:
         """y, the half width over the spacing of the lines, in a gas with this mole fraction."""
         warm = temperature_K / 273.0
-        pressure = pressure_Pa / _ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
+        pressure = pressure_Pa / ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
         return float(self.at_atm * pressure * np.exp(self.growth * (warm - 1)) / np.sqrt(warm))
 
 

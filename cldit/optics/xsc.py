@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.errors import FileError, OpticsError
 from cldit.io.files import read_text
 from cldit.optics.vapour import VapourBand
 
-_M2_MOL = 6.02214076e23 * 1e-4  # of 1 cm2 per molecule
+_M2_MOL = AVOGADRO_PER_MOL * 1e-4  # of 1 cm2 per molecule
 _NOISE = 0.02  # of the largest value: negative cross sections up to this are taken as 0
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.errors import SprayError
 from cldit.io.origin import FileRead
 from cldit.io.presented import Presented, xarray_module
@@ -244,13 +245,13 @@ class Vapour:
     @property
     def masses_kg(self) -> Floats:
         """Mass of the vapour in each cell (N,)."""
-        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        molecule_kg = self.molar_mass_kg_mol / AVOGADRO_PER_MOL
         return np.asarray(self.number_density_m3 * self.cells.volume_m3 * molecule_kg)
 
     @property
     def mass_kg(self) -> float:
         """Mass of all vapour."""
-        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        molecule_kg = self.molar_mass_kg_mol / AVOGADRO_PER_MOL
         return float(np.sum(self.number_density_m3 * self.cells.volume_m3) * molecule_kg)
 
 

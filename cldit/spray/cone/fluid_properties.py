@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 
-GAS_CONSTANT_J_mol_K = 8.31446261815324
-
-HEPTANE_MOLAR_MASS_kg_mol = 0.100204
 HEPTANE_CRITICAL_K = 540.20
 HEPTANE_CRITICAL_Pa = 2.74e6
 HEPTANE_BOILING_K = 371.58

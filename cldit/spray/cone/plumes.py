@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.scene.spray import Plume as Hole
 from cldit.spray.cone.attraction import displaced_m
-from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
+from cldit.spray.cone.fluid_properties import NITROGEN
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, without_lattice

@@ -21,13 +21,11 @@ from __future__ import annotations
 import numpy as np
 
 from cldit.arrays import Floats, Ints
+from cldit.constants import AVOGADRO_PER_MOL, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
-from cldit.spray.cone.fluid_properties import (
-    HEPTANE_MOLAR_MASS_kg_mol,
-    heptane_density_kg_m3,
-)
+from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
@@ -37,7 +35,6 @@ from cldit.spray.result import Cells, Parcels, Spray, Vapour
 THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
 SMALLEST_m = 1e-7  # smaller droplets count as evaporated
 _WIEN_K = 4232.0  # h c / (k lambda) at 3.4 um, of the radiance whose mean a cell's vapour has
-_AVOGADRO = 6.02214076e23
 
 
 def make_cone(spec: ConeSpray, device: Device) -> Spray:
@@ -176,7 +173,7 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     lower, upper = (np.asarray(at * spec.lattice_m, dtype=float) for at in (index, index + 1))
     return Vapour(
         cells=Cells(lower_m=lower, upper_m=upper),
-        number_density_m3=mass[held] / spec.lattice_m**3 * (_AVOGADRO / molar),
+        number_density_m3=mass[held] / spec.lattice_m**3 * (AVOGADRO_PER_MOL / molar),
         temperature_K=temperature[held],
         molar_mass_kg_mol=molar,
     )

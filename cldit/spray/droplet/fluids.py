@@ -12,16 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
 from cldit.spray.droplet.curves import Curves, curves
 from cldit.spray.droplet.fits import gas_fits, liquid_fits
-from cldit.spray.droplet.substances import (
-    Columns,
-    GAS_CONSTANT_J_mol_K,
-    fuel_columns,
-    gas_columns,
-)
+from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
 
 _FORM = "fluid table 3"
 # Of the gas, which may be above the critical pressure of a droplet that is below its critical

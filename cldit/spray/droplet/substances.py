@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.spray.droplet.curves import integral
 
-GAS_CONSTANT_J_mol_K = 8.31446261815324
 GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
 
 _LIQUID_POINTS = 801
@@ -159,7 +159,7 @@ def _finished(
 ) -> Columns:
     """Adds the enthalpies, with one zero."""
     heat = integral(liquid_K, liquid["cp"])
-    boiling = float(np.interp(np.log(101325.0), liquid["ln_psat"], liquid_K))
+    boiling = float(np.interp(np.log(ATMOSPHERE_Pa), liquid["ln_psat"], liquid_K))
     liquid["enthalpy"] = heat - np.interp(boiling, liquid_K, heat)
     rise = integral(vapour_K, vapour["cp"])
     start = np.interp(boiling, liquid_K, liquid["latent"])

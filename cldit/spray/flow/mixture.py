@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.spray.droplet.fluids import Fuel, Gas
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
 LOWEST_K, _HIGH_K = 150.0, 1200.0  # of the polynomials
 _DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K

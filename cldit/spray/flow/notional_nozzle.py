@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.spray.droplet.curves import integral
 from cldit.spray.droplet.fluids import Gas
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
 MACH_DISC = 0.67  # times sqrt(p0/p), in hole diameters, for any gas
 _SECTIONS = 4001  # pressures between rest and the surrounding gas

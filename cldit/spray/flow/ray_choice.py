@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import NABER_SIEBERS, Jet
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 from cldit.spray.flow.injector import Injection, plume_axis
 from cldit.spray.flow.rays import RayGrid
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
 from cldit.gpu.program import Define, build
@@ -22,7 +23,6 @@ _NEAR_m = (10e-3, 4e-3)  # of the tip: half of the spacing in each, three voxels
 _FAINT = 0.1  # of NEGLIGIBLE, which is added to voxels
 _MOST = 240  # voxels along an axis
 _ROUNDS = 30  # of the shells' factors: their content is right to 1e-3 or so
-_AVOGADRO = 6.02214076e23
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
         steps = np.stack(np.unravel_index(index, tuple(lattice.shape)), axis=1)
         lower.append(lattice.corner_m + steps * lattice.edge_m)
         upper.append(lattice.corner_m + (steps + 1) * lattice.edge_m)
-        number.append(mass[index] / lattice.edge_m**3 * (_AVOGADRO / fuel.molar_mass_kg_mol))
+        number.append(mass[index] / lattice.edge_m**3 * (AVOGADRO_PER_MOL / fuel.molar_mass_kg_mol))
         warm.append(temperature[index])
     return Vapour(
         cells=Cells(np.concatenate(lower), np.concatenate(upper)),
