@@ -90,7 +90,7 @@ MUTATIONS = (
     row("kernels/octree_traversal.h", "if (crosses) return down ? side - 1 : side;",
         "if (crosses) return side;", "kernels/test_image.py", "kernels"),
     # scene: a value that should be refused, a base that wins, a unit
-    row("cldit/scene/curves.py", "if after <= before:", "if after < before:", "unit/scene"),
+    row("cldit/scene/curves.py", "if upper <= lower:", "if upper < lower:", "unit/scene"),
     row("cldit/scene/load.py", 'merged({**below, "name": path.stem}, over)',
         'merged(over, {**below, "name": path.stem})', "unit/scene"),
     row("cldit/scene/values.py", '"ms": -3, "us": -6', '"ms": -3, "us": -3', "unit/scene",
@@ -159,7 +159,7 @@ MUTATIONS = (
     row("cldit/optics/scene_phase.py", "henyey_greenstein(g))", "henyey_greenstein(-g))",
         "unit/prepare/test_optics_tables.py", "unit/optics"),
     # gpu
-    row("cldit/gpu/device.py", "range(first, last)", "range(first, max(last - 1, first))",
+    row("cldit/gpu/device.py", "range(start, stop)", "range(start, max(stop - 1, start))",
         "unit/gpu"),
     row("cldit/gpu/signature.py", "if argument.name == name:", "if argument.name >= name:",
         "unit/gpu"),
@@ -206,9 +206,9 @@ MUTATIONS = (
         "unit/accuracy/test_error_maps.py", "unit/accuracy"),
     # run: a cache that mixes runs, labels in the wrong place
     row("cldit/run/labelled.py", "(width - 1) / 2) * across", "width / 2) * across", "unit/run"),
-    row("cldit/run/octree_export.py", "known = (absorption > 0) & (emission > 0)",
-        "known = absorption >= 0", "unit/run"),
-    row("cldit/run/folder.py", "if before != scene:", "if False:", "unit/run"),
+    row("cldit/run/octree_export.py", "emitting = (absorption > 0) & (emission > 0)",
+        "emitting = absorption >= 0", "unit/run"),
+    row("cldit/run/folder.py", "if stored != scene:", "if False:", "unit/run"),
     # dit: errors that are not told, pictures that are
     row("cldit/dit/fit.py", "squares += 2.0 * self.between * ref * inj",
         "squares -= 2.0 * self.between * ref * inj", "unit/dit"),
@@ -267,7 +267,7 @@ MUTATIONS = (
         "drivers/test_check_driver.py"),
     row("cldit/io/tables.py", 'or head["check"] != zlib.crc32(values)', "", "unit/io",
         "unit/optics/test_droplets.py"),
-    row("cldit/io/free_memory.py", 'known["MemAvailable"] * 1024', 'known["MemAvailable"]',
+    row("cldit/io/free_memory.py", 'memory["MemAvailable"] * 1024', 'memory["MemAvailable"]',
         "unit/io"),
     row("cldit/io/images.py", "resolution = (1e-3 / pixel_m[0], 1e-3 / pixel_m[1])",
         "resolution = (1e-3 / pixel_m[1], 1e-3 / pixel_m[0])", "unit/io", "unit/show"),

@@ -17,11 +17,7 @@ from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
 from cldit.spray.droplet.curves import Curves, curves
 from cldit.spray.droplet.fits import gas_fits, liquid_fits
-from cldit.spray.droplet.substances import (
-    Columns,
-    fuel_columns,
-    gas_columns,
-)
+from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
 
 _FORM = "fluid table 3"
 # Of the gas, which may be above the critical pressure of a droplet that is below its critical
@@ -175,7 +171,7 @@ def check_gas(fuel: Fuel, *, gas_K: float, pressure_Pa: float, names: tuple[str,
 
 def _cached(key: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
     key = f"{_FORM} {version('CoolProp')} {key}"
-    return _columns(cached(cache, kind="fluid", text=key, make=lambda: _arrays(build())))
+    return _columns(cached(cache, kind="fluid", description=key, make=lambda: _arrays(build())))
 
 
 def _arrays(columns: Columns) -> Arrays:
