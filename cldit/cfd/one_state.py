@@ -220,19 +220,19 @@ def _track_rows(
     rows = np.lexsort((order, group))
     same = np.flatnonzero(group[rows][1:] == group[rows][:-1])
     earlier, later = rows[same], rows[same + 1]
-    if age is not None and not _most(age[later] > age[earlier]):
+    if age is not None and not _mostly(age[later] > age[earlier]):
         return None
     varied = any(len(np.unique(values)) > len(values) // 20 for values in (count, size))
     alike = np.isclose(count[earlier], count[later], rtol=_DIGITS, atol=0.0)
     falls = size[later] <= 1.1 * size[earlier]
     if equal:
         ordered = age is not None or velocity is not None
-        tracks = not varied or _most(alike) or (ordered and _most(falls))
+        tracks = not varied or _mostly(alike) or (ordered and _mostly(falls))
     else:
         begin = np.flatnonzero(np.diff(group[rows], prepend=-1))
         span = np.maximum.reduceat(order[rows], begin) - np.minimum.reduceat(order[rows], begin)
         mixed = float(np.median(span)) * len(begin) > _SPREAD * float(np.ptp(order))
-        tracks = velocity is not None and varied and (is_int or mixed) and _most(alike & falls)
+        tracks = velocity is not None and varied and (is_int or mixed) and _mostly(alike & falls)
         if tracks and velocity is not None:
             step, way = place[later] - place[earlier], velocity[earlier] + velocity[later]
             length = np.linalg.norm(step, axis=1) * np.linalg.norm(way, axis=1)
@@ -241,7 +241,7 @@ def _track_rows(
     return (int(earlier[0]), int(later[0])) if tracks else None
 
 
-def _most(pairs: Mask) -> bool:
+def _mostly(pairs: Mask) -> bool:
     return float(np.mean(pairs)) > _MOST_PAIRS
 
 

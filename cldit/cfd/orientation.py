@@ -202,17 +202,17 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
     low, high = case.mesh.extent_m
     size = float(np.linalg.norm(high - low))
 
-    def away(place: Floats) -> float:
+    def gap_m(place: Floats) -> float:
         return float(np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0)))
 
-    if away(nozzle) <= size:
+    if gap_m(nozzle) <= size:
         return
     scaled = [(nozzle * factor, unit) for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))]
-    meant = [f"{triple(at)} m if {unit} were meant" for at, unit in scaled if away(at) <= size]
+    meant = [f"{triple(at)} m if {unit} were meant" for at, unit in scaled if gap_m(at) <= size]
     hint = f": {', '.join(meant)}" if meant else ""
     raise SprayError(
-        f"spray.nozzle_m: {triple(nozzle)} m is {away(nozzle):.3g} m away from the case, which is "
-        f"{triple(low)} to {triple(high)} m; coordinates are metres{hint}"
+        f"spray.nozzle_m: {triple(nozzle)} m is {gap_m(nozzle):.3g} m away from the case, which "
+        f"is {triple(low)} to {triple(high)} m; coordinates are metres{hint}"
     )
 
 

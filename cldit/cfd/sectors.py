@@ -197,7 +197,7 @@ def azimuth_span(
     box = np.array(list(product(*zip(*mesh.extent_m, strict=True))))
     nearest_m = _NEAR_AXIS * float(np.linalg.norm((box - centre_m) @ across, axis=1).max())
 
-    def far(stride: int = 1) -> Iterator[tuple[Floats, Floats]]:
+    def polar(stride: int = 1) -> Iterator[tuple[Floats, Floats]]:
         for points in mesh.points():
             x, y = ((points[::stride] - centre_m) @ across).T
             radius = np.hypot(x, y)
@@ -206,7 +206,7 @@ def azimuth_span(
 
     low, high = np.full(_BINS, np.inf), np.full(_BINS, -np.inf)
     span, ends = 360.0, (0.0, 0.0)
-    for angle, _ in chain(far(_SPARSE), far()):  # a whole mesh is recognised by few points
+    for angle, _ in chain(polar(_SPARSE), polar()):  # a whole mesh is recognised by few points
         place = np.minimum((angle + np.pi) * (_BINS / (2 * np.pi)), _BINS - 1).astype(np.int64)
         np.minimum.at(low, place, angle)
         np.maximum.at(high, place, angle)
@@ -221,7 +221,7 @@ def azimuth_span(
         if span > enough_deg:
             return span, False
     nearest, widest_m = np.full(2, np.inf), np.zeros(2)
-    for angle, radius in far():
+    for angle, radius in polar():
         for side, edge in enumerate(ends):
             on = radius[np.abs((angle - edge + np.pi) % (2 * np.pi) - np.pi) < _PLANE]
             nearest[side] = min(nearest[side], on.min(initial=np.inf))

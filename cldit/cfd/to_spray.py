@@ -279,11 +279,11 @@ def _vapour(
     selected: slice | Labels = slice(count) if enough.all() else np.flatnonzero(enough)
     cell, volume, lower, upper = cell[selected], volume[selected], lower[selected], upper[selected]
 
-    def once() -> None:
+    def check_cells() -> None:
         one_state.check_cells_once(case, cell, lower, volume)
         one_state.check_volume(case.mesh, filled)
 
-    accepted = one_state.judged(case.accept, {"cells": once})
+    accepted = one_state.judged(case.accept, {"cells": check_cells})
     if len(poses) > 1:
         lower, upper = (np.tile(values, (len(poses), 1)) for values in (lower, upper))
     for copy, (origin, rotation) in enumerate(frames):

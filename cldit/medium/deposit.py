@@ -149,7 +149,7 @@ class PlacedBoxes:
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,), spread uniformly over its box, to its target (S,)."""
-        amounts = _together(amounts, self.shared)
+        amounts = _summed(amounts, self.shared)
         if self.device is not None:
             self._rasteriser.add(touched.directory, amounts, targets)
             return
@@ -164,7 +164,7 @@ class PlacedBoxes:
         return BoxRasteriser.of(self.device, self.lower, self.upper, self.span(), self.cells)
 
 
-def _together(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
+def _summed(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
     return amounts if shared is None else [np.add.reduceat(amount, shared) for amount in amounts]
 
 
@@ -186,7 +186,7 @@ class PlacedPoints:
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,) to the cell of its point in its target (S,)."""
         address = touched.address(self.cell)
-        for target, amount in zip(targets, _together(amounts, self.shared), strict=True):
+        for target, amount in zip(targets, _summed(amounts, self.shared), strict=True):
             target += np.bincount(address, amount, minlength=len(target))
 
 

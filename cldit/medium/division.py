@@ -25,7 +25,7 @@ _IN_BRICK = (1, 2, 3, 4, 5, 6)
 class Division:
     """Division of the cube, and leaf of every finest cell.
 
-    keep: touched brick of every stored one. whole, member: mask (nb, nb, nb) of bricks in a coarse
+    keep: touched brick of every stored one. coarse, member: mask (nb, nb, nb) of bricks in a coarse
     leaf, and the leaf's number; filled: coarse leaves that are not empty. unsplit: blocks of cells
     in stored bricks that are one leaf, (edge, mask).
     """
@@ -34,7 +34,7 @@ class Division:
     touched: Touched
     directory: NDArray[np.int32]
     keep: NDArray[np.int32]
-    whole: Mask
+    coarse: Mask
     member: Ints
     filled: Mask
     coarse_level: NDArray[np.int32]
@@ -84,7 +84,7 @@ class Division:
             touched=touched,
             directory=directory,
             keep=keep,
-            whole=coarse,
+            coarse=coarse,
             member=member,
             filled=filled,
             coarse_level=np.concatenate([np.arange(empty), node_level[filled]]).astype(np.int32),
@@ -100,7 +100,7 @@ class Division:
             return values
         bricks = data.reshape(self.touched.slots, BRICK, BRICK, BRICK)
         # Coarse leaves have the mean of their bricks; bricks without a slot are empty.
-        slots = self.touched.directory[self.whole]
+        slots = self.touched.directory[self.coarse]
         present = slots >= 0
         total = np.zeros(len(slots))
         total[present] = bricks[slots[present]][_inside(self.frame)].mean(axis=(1, 2, 3))

@@ -279,7 +279,7 @@ def within(cube: Frame, sources: Sources) -> tuple[Sources, float]:
         inside = np.all((points.position_m >= low) & (points.position_m <= high), axis=1)
         section = points.absorption_m2 + points.scattering_m2
         lost.append(_outside(section, inside.astype(float)))
-        points = _taken(points, inside) if inside.any() else None
+        points = _subset(points, inside) if inside.any() else None
     kept = []
     for source in cells:
         lower, upper = np.maximum(source.lower_m, low), np.minimum(source.upper_m, high)
@@ -287,7 +287,7 @@ def within(cube: Frame, sources: Sources) -> tuple[Sources, float]:
         part = np.prod(np.maximum(upper - lower, 0.0), axis=1) / volume
         optical = source.vapour_absorption + source.droplet_absorption + source.droplet_scattering
         lost.append(_outside(optical * volume, part))
-        kept.append(_taken(replace(source, lower_m=lower, upper_m=upper), part > 0.0))
+        kept.append(_subset(replace(source, lower_m=lower, upper_m=upper), part > 0.0))
     return (points, kept), max(lost)
 
 
@@ -296,12 +296,12 @@ def _outside(amount: Floats, inside: Floats) -> float:
     return float(np.sum(amount * (1.0 - inside))) / total if total > 0.0 else 0.0
 
 
-def _taken(source: Any, chosen: Mask) -> Any:
+def _subset(source: Any, chosen: Mask) -> Any:
     """Some parcels or boxes of a source."""
 
-    def some(value: Any) -> Any:
+    def subset(value: Any) -> Any:
         if isinstance(value, tuple):
             return tuple(part[chosen] for part in value)
         return value[chosen] if isinstance(value, np.ndarray) else value.of(chosen)
 
-    return replace(source, **{k: some(v) for k, v in vars(source).items() if v is not None})
+    return replace(source, **{k: subset(v) for k, v in vars(source).items() if v is not None})

@@ -34,29 +34,22 @@ def fuel_of(scene: Scene, spray: Spray) -> str:
     return spray.fuel or getattr(scene.spray, "fuel", "n-heptane")
 
 
-@dataclass(frozen=True)
-class Substances:
-    """Liquid and vapour of a spray; None for a phase that is absent."""
+def liquid_of(scene: Scene, spray: Spray) -> Liquid | None:
+    """Liquid that the scene names, or the spray's fuel; None without parcels."""
+    if spray.parcels is None or not len(spray.parcels.diameter_m):
+        return None
+    name = scene.optics.liquid or fuel_of(scene, spray)
+    path = Path(name)
+    return read_liquid_table(path) if path.suffix else liquid(name)
 
-    liquid: Liquid | None
-    vapour: VapourBand | None
 
-    @classmethod
-    def of(cls, scene: Scene, spray: Spray) -> "Substances":
-        """The substances that the scene names, or the spray's fuel."""
-        fuel = fuel_of(scene, spray)
-        fuel_liquid = None
-        if spray.parcels is not None and len(spray.parcels.diameter_m):
-            name = scene.optics.liquid or fuel
-            path = Path(name)
-            fuel_liquid = read_liquid_table(path) if path.suffix else liquid(name)
-        band = None
-        if spray.vapour is not None and len(spray.vapour.number_density_m3):
-            name = scene.optics.vapour or fuel
-            area = scene.optics.vapour_area_km_mol
-            path = Path(name)
-            band = read_xsc(path) if path.suffix else vapour_band(name, area_km_mol=area)
-        return cls(fuel_liquid, band)
+def vapour_of(scene: Scene, spray: Spray) -> VapourBand | None:
+    """Vapour that the scene names, or the spray's fuel; None without vapour."""
+    if spray.vapour is None or not len(spray.vapour.number_density_m3):
+        return None
+    name, area = scene.optics.vapour or fuel_of(scene, spray), scene.optics.vapour_area_km_mol
+    path = Path(name)
+    return read_xsc(path) if path.suffix else vapour_band(name, area_km_mol=area)
 
 
 @dataclass(frozen=True)
@@ -90,24 +83,24 @@ class Spectrum:
     @classmethod
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> "Spectrum":
         """Spectrum over `filter_um` of the scene's substances at the spray's temperatures."""
-        used = Substances.of(scene, spray)
-        edges = _edges(filter_um, used.vapour)
+        substance, band = liquid_of(scene, spray), vapour_of(scene, spray)
+        edges = _edges(filter_um, band)
         count = len(edges) - 1
         interval, part = np.arange(count), np.ones(count)
         vapour_K, vapour = np.zeros(0), np.zeros((0, count))
-        if used.vapour is not None and spray.vapour is not None:
+        if band is not None and spray.vapour is not None:
             present_K = spray.vapour.temperature_K[spray.vapour.number_density_m3 > 0]
             vapour_K = _knots(present_K, _VAPOUR_KNOTS)
             pressure = getattr(getattr(scene.spray, "ambient", None), "pressure_Pa", ATMOSPHERE_Pa)
-            interval, part, vapour = _vapour(used.vapour, edges, vapour_K, pressure)
+            interval, part, vapour = _vapour(band, edges, vapour_K, pressure)
         liquid_K = np.zeros(0)
         n = k = np.zeros((0, len(part)))
-        if used.liquid is not None and spray.parcels is not None:
+        if substance is not None and spray.parcels is not None:
             present_K = spray.parcels.temperature_K[spray.parcels.droplets > 0]
             wide = present_K.size and np.ptp(present_K) > _LIQUID_SPAN_K
             liquid_K = _knots(present_K, 2 if wide else 1)
             middles = (edges[1:] + edges[:-1]) / 2.0
-            index = [used.liquid.index(middles, float(each_K)) for each_K in liquid_K]
+            index = [substance.index(middles, float(each_K)) for each_K in liquid_K]
             n, k = (np.array(rows)[:, interval] for rows in zip(*index, strict=True))
         return cls(edges, interval, part, vapour_K, vapour, liquid_K, n, k)
 

@@ -91,15 +91,15 @@ class Surroundings:
 class Boundary:
     """The measurement equation in one band; all radiances in photons s-1 m-2 sr-1 of that band.
 
-    radiance: of a black body, as a function of its temperature. wall: of the walls. around: of the
-    surroundings of the black body. rear_added, front_added: emission and reflection of either
-    window. patches: of each patch of the enclosure.
+    radiance: of a black body, as a function of its temperature. wall: of the walls. surroundings:
+    of those of the black body. rear_added, front_added: emission and reflection of either window.
+    patches: of each patch of the enclosure.
     """
 
     radiance: Radiance
     wall: float
     emissivity: float
-    around: float
+    surroundings: float
     rear: Pane
     rear_added: float
     front: Pane
@@ -109,7 +109,7 @@ class Boundary:
     def leaving(self, blackbody_K: ArrayLike) -> Floats:
         """L_bg for a black body at these temperatures, any shape."""
         emitted = self.radiance(blackbody_K)
-        disc = self.emissivity * emitted + (1.0 - self.emissivity) * self.around
+        disc = self.emissivity * emitted + (1.0 - self.emissivity) * self.surroundings
         return np.asarray(self.rear.transmission * disc + self.rear_added)
 
     def seen(self, inside: Floats) -> Floats:
@@ -145,7 +145,7 @@ class Boundary:
             radiance=radiance,
             wall=wall,
             emissivity=surroundings.background_emissivity,
-            around=at(surroundings.wall_temperature_K if outside_K is None else outside_K),
+            surroundings=at(surroundings.wall_temperature_K if outside_K is None else outside_K),
             rear=rear,
             rear_added=rear_added,
             front=front,

@@ -129,7 +129,7 @@ class PointSpread:
         return np.asarray((positive / positive[0, 0])[:-1, :-1])
 
     @cached_property
-    def given(self) -> NDArray[np.complex128] | None:
+    def sampled_transfer(self) -> NDArray[np.complex128] | None:
         """(2 H, W + 1) factor of the mirrored image's Fourier transform by samples; None: none."""
         camera, lens = self.camera, self.camera.lens
         if lens is None or lens.point_spread is None:
@@ -159,10 +159,10 @@ class PointSpread:
     def image(self, sharp: Image) -> Image:
         """The blurred image (H, W)."""
         out = idctn(dctn(sharp.astype(np.float64)) * self.transfer)
-        if self.given is not None:
+        if self.sampled_transfer is not None:
             rows, columns = out.shape
             mirrored = np.pad(out, ((0, rows), (0, columns)), mode="symmetric")
-            out = irfft2(rfft2(mirrored) * self.given, mirrored.shape)[:rows, :columns]
+            out = irfft2(rfft2(mirrored) * self.sampled_transfer, mirrored.shape)[:rows, :columns]
         return np.asarray(out, np.float32)
 
     def __call__(self, weights: Weights) -> Weights:

@@ -102,7 +102,7 @@ def test_gas_properties_are_those_of_the_table(apply: Any, tables: Path, name: s
             [kelvin, padded],
             defines="#define SIMD_WIDTH 1",
         )
-        wanted = source.one(member, kelvin)
+        wanted = source.value(member, kelvin)
         # The sum of the coefficients' sizes is up to 30 of the value: 30 ULP.
         assert np.abs(got / wanted - 1).max() < LARGEST_ERROR + 30 * ULP, member
 
@@ -203,7 +203,7 @@ def test_rates(
         limit += 1e-6 if real is np.float64 else 1e-3
     unit = np.pi * drop.diameter_m * film.diffusion_kg_m_s * 2 * (1 + film.reynolds**0.5)
     assert np.all(np.abs(mass - rates[0]) <= limit * np.maximum(np.abs(rates[0]), unit))
-    latent = heptane.liquid.one("latent", drop.temperature_K)
+    latent = heptane.liquid.value("latent", drop.temperature_K)
     parts = np.abs(rates[0]) * latent + np.abs(rates[1]) + unit * latent
     assert np.all(np.abs(heat - rates[1]) <= limit * parts)
 

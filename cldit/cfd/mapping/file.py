@@ -114,7 +114,7 @@ class Scalar(Section):
     undefined: float | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> "Scalar":
+    def _column_or_value(self) -> "Scalar":
         if (self.column is None) == (self.value is None):
             raise ValueError("needs either column or value")
         return self
@@ -190,7 +190,7 @@ class ParcelColumns(Table):
     origin: V = None
 
     @model_validator(mode="after")
-    def _once(self) -> "ParcelColumns":
+    def _no_pair(self) -> "ParcelColumns":
         for key, alternative in PAIRS:
             if getattr(self, key) is not None and getattr(self, alternative) is not None:
                 raise ValueError(f"{key} and {alternative} are both given; allowed: one of them")

@@ -13,7 +13,7 @@ from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.names import species_in
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
-from cldit.cfd.openfoam.lists import labels, particles, scalars, vectors, whole
+from cldit.cfd.openfoam.lists import as_integers, labels, particles, scalars, vectors
 from cldit.errors import SprayError
 
 
@@ -81,7 +81,7 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     inverted, in the cells on both sides (polyMeshTetDecomposition::findFaceBasePts).
     """
     weights = rows[:, :4]
-    cell, face, turn = whole(file, rows[:, 4:]).T
+    cell, face, turn = as_integers(file, rows[:, 4:]).T
     faces = len(mesh.owner)
     for kind, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
         if label.size and (label.min() < 0 or label.max() >= end):

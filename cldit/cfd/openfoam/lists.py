@@ -120,7 +120,7 @@ def _list(
     stop = end if end >= begin else len(file.body)
     parts: Iterable[NDArray[np.generic]] = _parse(file, begin, stop)
     if kind == "i":
-        parts = (whole(file, part) for part in parts)
+        parts = (as_integers(file, part) for part in parts)
     numbers = np.concatenate([np.empty(0, np.int32 if kind == "i" else np.float64), *parts])
     if count < 0:
         count = numbers.size // width
@@ -129,7 +129,7 @@ def _list(
     return numbers.reshape(count, width), end + 1
 
 
-def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
+def as_integers(file: FoamFile, values: NDArray[np.generic]) -> Labels:
     """Converts `values` to integers of the same shape, int32 if they fit; refuses 1.5 or 1e300."""
     numbers = np.asarray(values)
     if numbers.dtype.kind == "f":
@@ -156,7 +156,7 @@ def vectors(file: FoamFile, parcels: int | None = None) -> Floats:
 
 def labels(file: FoamFile, parcels: int | None = None) -> Labels:
     """Reads a labelList, (N,); parcels: N, if it is known."""
-    return whole(file, _list(file, "i", 1, 0, parcels)[0].reshape(-1))
+    return as_integers(file, _list(file, "i", 1, 0, parcels)[0].reshape(-1))
 
 
 def faces(file: FoamFile) -> tuple[Labels, Labels]:
@@ -164,11 +164,11 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
     if file.binary:
         start, end = _list(file, "i", 1, 0)
         corners, _ = _list(file, "i", 1, end)
-        return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
+        return as_integers(file, corners.reshape(-1)), as_integers(file, start.reshape(-1))
     count, _, begin = _open(file, 0)
     if not 0 <= count <= len(file.body):
         raise file.fail(f"truncated or damaged: {count} faces in {len(file.body)} bytes")
-    parts = (whole(file, part) for part in _parse(file, begin, file.body.rfind(b")")))
+    parts = (as_integers(file, part) for part in _parse(file, begin, file.body.rfind(b")")))
     numbers = np.concatenate([np.empty(0, np.int32), *parts])
     if count and numbers.size % count == 0 and (width := numbers.size // count) > 1:
         table = numbers.reshape(count, width)
@@ -179,7 +179,7 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
         raise file.fail(f"truncated or damaged: {len(numbers)} numbers do not make {count} faces")
     keep = np.ones(len(numbers), dtype=bool)
     keep[place[:-1]] = False
-    return numbers[keep], whole(file, place - np.arange(count + 1))
+    return numbers[keep], as_integers(file, place - np.arange(count + 1))
 
 
 def internal_field(file: FoamFile, cells: int) -> tuple[AnyFloats, str | None]:

@@ -108,7 +108,7 @@ def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
     walls = [name for name, patch in patches.items() if patch.get("type") == "wall"]
     with open_regular(field) as stream:
         stream.seek(max(0, field.stat().st_size - _END))
-        held = _held(stream.read())
+        held = _fixed_values(stream.read())
     walls_K = [next((T for key, T in held.items() if _names(key, wall)), None) for wall in walls]
     fixed = [T for T in walls_K if T is not None]
     return sum(fixed) / len(fixed) if fixed else None
@@ -124,7 +124,7 @@ def _names(key: str, patch: str) -> bool:
         return False
 
 
-def _held(body: bytes) -> dict[str, float]:
+def _fixed_values(body: bytes) -> dict[str, float]:
     """Entries of the boundary field that have one fixed value."""
     _, start, rest = body.rpartition(b"boundaryField")
     if not start:

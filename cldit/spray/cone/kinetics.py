@@ -25,7 +25,9 @@ from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
 ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
-_RINGS = 9  # of equal area
+# Twice as many change the evaporated share of `gdi-cone` by at most 7e-4 (rings of equal area),
+# 5e-3 (classes of size) and 9e-4 (steps).
+_RINGS = 9
 _CLASSES = 8
 _STEPS = 120
 _FIRST = 1e-3  # age of the first step, over the last

@@ -28,7 +28,7 @@ from cldit.spray.cone.fluid_properties import (
     heptane_vapour_cp_J_kg_K,
     heptane_vapour_enthalpy_J_kg,
 )
-from cldit.spray.cone.wet_bulb import still
+from cldit.spray.cone.wet_bulb import at_rest
 from cldit.spray.droplet.arrays import DropletKernels
 
 _HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
@@ -227,7 +227,7 @@ def lagging_state(
     def excess(surface: Floats) -> Floats:
         y = vapour / (1 + vapour)
         hot = balanced_K(surface)
-        return -still(surface, kernels, gas_K=hot, vapour_share=y, pressure_Pa=pressure_Pa).heat_W
+        return -at_rest(surface, kernels, gas_K=hot, vapour_share=y, pressure_Pa=pressure_Pa).heat_W
 
     low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
     high = np.full(ratio.shape, min(max(gas_K, fuel_K), HEPTANE_CRITICAL_K))

@@ -99,7 +99,7 @@ def droplet_kernels(device: Device) -> DropletKernels:
     return DropletKernels.of(device, *fluids(), MODELS["abramzon-sirignano"], real=real)
 
 
-def still(
+def at_rest(
     surface_K: ArrayLike,
     kernels: DropletKernels,
     *,
@@ -143,7 +143,7 @@ def wet_bulb(
     """
 
     def at(surface_K: ArrayLike) -> Rates:
-        return still(surface_K, kernels, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
+        return at_rest(surface_K, kernels, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
 
     low, high = 0.4 * gas_K, max(gas_K, HEPTANE_CRITICAL_K)
     for _ in range(_ZOOMS):

@@ -111,8 +111,8 @@ def advance(
         stuck = int(np.argmax(rounds < 0))
         raise SprayError(stuck_text(fuel, mass, temperature, gas, stuck))
     speed = np.stack(velocity[:axes], axis=1)
-    heat = fuel.liquid.one("enthalpy", temperature)
-    heat0 = fuel.liquid.one("enthalpy", droplets.temperature_K)
+    heat = fuel.liquid.value("enthalpy", temperature)
+    heat0 = fuel.liquid.value("enthalpy", droplets.temperature_K)
     return Advance(
         droplets=DropletStates(mass, temperature, speed),
         gone_s=np.where(mass > 0, np.inf, elapsed),

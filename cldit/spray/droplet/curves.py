@@ -44,7 +44,7 @@ class Curves:
             results[-1] += value[cell]
         return tuple(results)
 
-    def one(self, name: str, temperature_K: ArrayLike) -> Floats:
+    def value(self, name: str, temperature_K: ArrayLike) -> Floats:
         """Value of the property `name`, of the shape of `temperature_K`."""
         return self.at(temperature_K, name)[0]
 

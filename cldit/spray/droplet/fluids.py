@@ -59,7 +59,7 @@ class Fuel(Gas):
 
     def saturation_Pa(self, temperature_K: ArrayLike) -> Floats:
         """Saturation pressure, any shape."""
-        return np.asarray(np.exp(self.liquid.one("ln_psat", temperature_K)))
+        return np.asarray(np.exp(self.liquid.value("ln_psat", temperature_K)))
 
     def boiling_K(self, pressure_Pa: ArrayLike) -> Floats:
         """Boiling temperature, any shape, by bisection within the table."""
@@ -68,19 +68,19 @@ class Fuel(Gas):
         high = np.full(ln_pressure.shape, self.liquid.high_K)
         for _ in range(48):  # 500 K down to rounding
             middle = 0.5 * (low + high)
-            above = self.liquid.one("ln_psat", middle) > ln_pressure
+            above = self.liquid.value("ln_psat", middle) > ln_pressure
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         return np.asarray(0.5 * (low + high))
 
     def diameter_m(self, mass_kg: ArrayLike, temperature_K: ArrayLike) -> Floats:
         """Diameter of a droplet of a given mass and temperature, any shape."""
-        volume = np.asarray(mass_kg) / self.liquid.one("density", temperature_K)
+        volume = np.asarray(mass_kg) / self.liquid.value("density", temperature_K)
         return np.asarray(np.cbrt(6 / np.pi * volume))
 
     def mass_kg(self, diameter_m: ArrayLike, temperature_K: ArrayLike) -> Floats:
         """Mass of a droplet of a given diameter and temperature, any shape."""
         d = np.asarray(diameter_m, dtype=float)
-        return np.asarray(np.pi / 6 * d**3 * self.liquid.one("density", temperature_K))
+        return np.asarray(np.pi / 6 * d**3 * self.liquid.value("density", temperature_K))
 
 
 def diffusivity_m2_s(

@@ -138,11 +138,11 @@ def _history(
 ) -> tuple[Floats, list[DropletStates], bool]:
     """Equidistant times, the state at each, and True if the droplet vanishes at the last one."""
 
-    def after(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
+    def advanced(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
         result = advance(state, surroundings, seconds, kernels, tolerance=tolerance, drag=not held)
         return result.droplets, float(result.gone_s[0])
 
-    life = after(start, LONGEST_S if duration_s is None else duration_s)[1]
+    life = advanced(start, LONGEST_S if duration_s is None else duration_s)[1]
     if duration_s is None and np.isinf(life):
         raise SprayError(
             f"a droplet of {kernels.fuel.name} does not vanish in gas of "
@@ -153,7 +153,7 @@ def _history(
     times = np.linspace(0.0, end, points)
     states = [start]
     for step in np.diff(times):
-        states.append(after(states[-1], float(step))[0])
+        states.append(advanced(states[-1], float(step))[0])
     return times, states, life <= end
 
 

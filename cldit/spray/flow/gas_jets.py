@@ -107,7 +107,7 @@ class GasJets:
         mass, push = _sources(flow.grid, spec, injection, jet)
         hot_K = np.array([spec.fuel_temperature_K])
         heat = float(flow.mixture.enthalpy_J_kg(np.ones(1), hot_K)[0])
-        self._each = np.concatenate([[mass, heat * mass], push])
+        self._rate = np.concatenate([[mass, heat * mass], push])
 
     def step(self, step_s: float) -> bool:
         """Sets the sources of the gas, `flow.amounts`, for the next step."""
@@ -115,7 +115,7 @@ class GasJets:
         total = float(np.interp(self._time_s, *self._released))
         mass = total - self.injected_kg
         if abs(mass - self._last_kg) > _SAME * self._last_kg:
-            for plane, values in enumerate(self._each):
+            for plane, values in enumerate(self._rate):
                 self.flow.write("amounts", mass * values, plane)
             self._last_kg = mass
         self.injected_kg += self._last_kg

@@ -61,7 +61,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     """
     sizes = spec.droplets
     assert sizes is not None, "a gas is injected by gas_jets.inject_gas"
-    density = float(fuel.liquid.one("density", spec.fuel_temperature_K))
+    density = float(fuel.liquid.value("density", spec.fuel_temperature_K))
     speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * pressure_drop_Pa(spec) / density))
     times, released = released_share(spec)
     top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=density * speed)

@@ -40,7 +40,7 @@ class History:
 def measures(cloud: FlyingParcels, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
     """Values of `History` from liquid_kg on; `axes` (H, 3) are those of the holes."""
     diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
-    volume = cloud.liquid_kg / fuel.liquid.one("density", cloud.temperature_K)
+    volume = cloud.liquid_kg / fuel.liquid.value("density", cloud.temperature_K)
     liquid, thin = projected_reach_m(cloud.position_m, volume)
     return (
         float(cloud.liquid_kg.sum()),

@@ -63,7 +63,7 @@ def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
     powers = np.stack([x ** (n + 1) for n in range(_DEGREE)], axis=1)
     fits = []
     for gas in (carrier, fuel):
-        rise = gas.vapour.one("enthalpy", t) - gas.vapour.one("enthalpy", reference_K)
+        rise = gas.vapour.value("enthalpy", t) - gas.vapour.value("enthalpy", reference_K)
         fits.append(np.asarray(np.linalg.lstsq(powers, rise, rcond=None)[0], dtype=np.float64))
     return GasMixture(
         reference_K=reference_K,
@@ -71,5 +71,5 @@ def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
         vapour=fits[1],
         carrier_J_kg_K=GAS_CONSTANT_J_mol_K / carrier.molar_mass_kg_mol,
         vapour_J_kg_K=GAS_CONSTANT_J_mol_K / fuel.molar_mass_kg_mol,
-        zero_J_kg=float(fuel.vapour.one("enthalpy", reference_K)),
+        zero_J_kg=float(fuel.vapour.value("enthalpy", reference_K)),
     )

@@ -60,7 +60,7 @@ def expand(gas: Gas, *, stagnation_Pa: float, stagnation_K: float, pressure_Pa: 
     pressure = np.linspace(pressure_Pa, stagnation_Pa, _SECTIONS)
     isentrope = entropy[-1] + constant * np.log(pressure / stagnation_Pa)
     temperature: Floats = np.interp(isentrope, entropy, table_K)
-    rise = enthalpy[-1] - gas.vapour.one("enthalpy", temperature)
+    rise = enthalpy[-1] - gas.vapour.value("enthalpy", temperature)
     speed = np.sqrt(2 * np.maximum(rise, 0.0))
     flux = pressure / (constant * temperature) * speed
     throat = int(np.argmax(flux))

@@ -101,7 +101,7 @@ def factored(grid: RayGrid) -> Factors:
     wide, high = np.diff(grid.azimuth), -np.diff(np.cos(grid.polar))
     azimuthal = np.zeros(na + 1)
     azimuthal[1:-1] = 1 / np.diff(azimuth)
-    matrix = _second(azimuthal)
+    matrix = _second_difference(azimuthal)
     if grid.ring:
         closing = 1 / (azimuth[0] - (azimuth[-1] - 2 * np.pi))
         matrix[0, 0] += closing
@@ -118,7 +118,7 @@ def factored(grid: RayGrid) -> Factors:
     length = grid.strip_m2 / radius
     lean = np.empty((na, nt))
     for k in range(na):
-        operator = _second(down) + turn[k] * np.diag(side)
+        operator = _second_difference(down) + turn[k] * np.diag(side)
         lean[k], factors.down[k] = eigh(operator, np.diag(high))
     lean[0, 0] = 0.0
     diagonal = outward[:-1] + outward[1:] + lean[:, :, None] * length
@@ -131,7 +131,7 @@ def factored(grid: RayGrid) -> Factors:
     return factors
 
 
-def _second(faces: Floats) -> Floats:
+def _second_difference(faces: Floats) -> Floats:
     """Matrix of minus the second difference with the coefficients of the faces."""
     matrix = np.diag(faces[:-1] + faces[1:])
     if len(faces) > 2:

@@ -123,7 +123,7 @@ class Mixing:
         grid = fields.grid
         self.fields, self.program = fields, fields.program("spray/gas_mixing.cl")
         azimuthal, down, _ = grid.conductance
-        self._around, self._down = fields.table("around", azimuthal), fields.table("down", down)
+        self._azimuthal, self._down = fields.table("around", azimuthal), fields.table("down", down)
         self._length = fields.row("length", grid.strip_m2 / grid.middle[2])
         self.ratio = fields.plane("elimination", 2)
 
@@ -175,7 +175,7 @@ class Mixing:
         azimuth = {
             "flux_plane": 0,
             "exchange": exchange[1],
-            "conductance": self._around,
+            "conductance": self._azimuthal,
             "count": azimuths,
             "jump": layer,
             "other": f.stride,

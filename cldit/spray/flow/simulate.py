@@ -286,6 +286,6 @@ def _parcels(cloud: FlyingParcels, fuel: Fuel) -> Parcels | None:
         diameter_m=diameter[seen],
         droplets=cloud.droplets[seen],
         temperature_K=cloud.temperature_K[seen],
-        density_kg_m3=fuel.liquid.one("density", cloud.temperature_K[seen]),
+        density_kg_m3=fuel.liquid.value("density", cloud.temperature_K[seen]),
         velocity_m_s=cloud.velocity_m_s[seen],
     )

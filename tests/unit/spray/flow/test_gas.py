@@ -64,7 +64,7 @@ def test_the_fits_follow_the_tables() -> None:
     fuel, carrier = fluids()
     t = np.linspace(200.0, 1100.0, 91)
     for share, table in ((0.0, carrier), (1.0, fuel)):
-        rise = table.vapour.one("enthalpy", t) - table.vapour.one("enthalpy", TEMPERATURE_K)
+        rise = table.vapour.value("enthalpy", t) - table.vapour.value("enthalpy", TEMPERATURE_K)
         found = mixture().enthalpy_J_kg(np.full(91, share), t)
         # 75 J/kg is 0.07 K of nitrogen, 0.05 K of vapour.
         np.testing.assert_allclose(found, rise, atol=75)
