@@ -31,7 +31,7 @@ BUDGETS: dict[str, int] = {
     "cli": 2750,
     "comparison": 2750,
     "dit": 7000,
-    "drivers": 4000,
+    "drivers": 4250,
     "gpu": 1250,
     "io": 2000,
     "kernels": 6250,
