@@ -26,7 +26,7 @@ from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
-from cldit.scene.delays import delay_text, same_time, spray_time_s
+from cldit.scene.delays import same_time, spray_time_s
 from cldit.show.report.folders import show_folder, write_pages
 
 
@@ -69,8 +69,8 @@ def evaluate(
 ) -> Outcome:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
-    The maps go into `maps` beside the images, with a page, report.html; those of several delays
-    into a folder each, with a table of all.
+    The maps go into `maps` beside the images, with a page, report.html; those of several filters
+    and delays into a folder each, with a table of the delays.
     """
     if write_measured is not None:
         for line in measured_draft.write_measured(folder, write_measured):
@@ -89,20 +89,21 @@ def evaluate(
         )
     modelled = None if model is None else open_run(model)
     if modelled is not None and not any(_shows(modelled, one, found) for one in found):
-        raise EvaluationError(f"--model: {model}: its spray has none of the plan's delays")
+        raise EvaluationError(f"--model: {model}: it has none of the plan's delays and filters")
     for one in found:
-        if len(found) > 1 and one.delay_s is not None:
-            OUT.print(f"{delay_text(one.delay_s)}:")
+        if one.label:
+            OUT.print(f"{one.label}:")
         if one.evaluation is not None:
             _print(one.evaluation)
             if modelled is not None and _shows(modelled, one, found):
                 _scattering(target, modelled, one.evaluation, one.folder)
             _print_result(one.evaluation.maps)
         print_files(one.folder)
-    if len(found) > 1:
-        for row in delay_rows(found):
-            OUT.print(row.text)
-        print_files(target / "maps" / "delays.csv")
+    for table in sorted({one.folder.parent / "delays.csv" for one in found}):
+        if table.is_file():
+            for row in delay_rows([one for one in found if one.folder.parent == table.parent]):
+                OUT.print(row.text)
+            print_files(table)
     print_files(*write_pages(target))
     if suffix is not None:
         print_files(show_folder(target, suffix=suffix))
@@ -117,6 +118,7 @@ def evaluate(
 def _data(one: DelayEvaluation) -> dict[str, Any]:
     return {
         "delay_s": one.delay_s,
+        "filter": one.filter_name,
         "folder": one.folder,
         "problem": one.problem,
         "evaluation": None if one.evaluation is None else one.evaluation.to_dict(),
@@ -138,8 +140,14 @@ def _print_result(maps: Maps) -> None:
 
 
 def _shows(model: Run, one: DelayEvaluation, found: tuple[DelayEvaluation, ...]) -> bool:
-    """True if the model has this delay; a single delay is not checked."""
-    return len(found) == 1 or same_time(spray_time_s(model.scene), one.delay_s)
+    """True if the model has this delay and this filter; a single one is not checked."""
+    if one.evaluation is None or len(found) == 1:
+        return len(found) == 1
+    own = one.evaluation.calibration.filter_um
+    if one.filter_name is not None and own != model.quadrature.filter_um:
+        return False
+    alone = len({item.delay_s for item in found}) == 1
+    return alone or same_time(spray_time_s(model.scene), one.delay_s)
 
 
 def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:

@@ -372,10 +372,8 @@ class HarmlessLink(Linked):
         return Safety(connected=True, did="nothing: it is harmless in every position")
 
     def close(self) -> None:
-        """Closes the line."""
-        self._drop()
         self._state = LinkState.NEVER
-        self._unlock()
+        super().close()
 
     def _write_safe(self) -> None:
         """Writes nothing."""

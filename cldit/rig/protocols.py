@@ -4,6 +4,7 @@ A driver implements one of them. It does no I/O in `__init__`, blocks until done
 errors of `cldit.rig.errors` and no others.
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -11,7 +12,7 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, model_validator
 
 from cldit.camera.calibration import Calibration
 from cldit.rig.clock import StopCheck
@@ -159,7 +160,13 @@ class Safety:
     did: str
 
 
-FilterName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
+def _name(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", value):
+        raise ValueError(f"{value!r} is no name; allowed: up to 40 letters, digits, `_`, `.`, `-`")
+    return value
+
+
+FilterName = Annotated[str, AfterValidator(_name)]
 """Name of a spectral filter, which names a folder too."""
 
 
@@ -169,7 +176,7 @@ class SpectralFilter(Section):
     position: Annotated[int, Within(1, 100)]
     """Position in the wheel, from 1."""
     name: FilterName
-    """Name in plans: up to 40 letters, digits, `_`, `.`, `-`."""
+    """Name in plans."""
     filter_um: Filter
     """Two edges, pairs of wavelength (um) and transmission, or a file of pairs."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)]
@@ -324,10 +331,7 @@ class FilterWheel(Device, Protocol):
         """
 
     def read_filter(self) -> str | None:
-        """Reads the position, and returns its filter's name; None at a position without a filter.
-
-        Raises NotConnected, also for an impossible answer.
-        """
+        """Name of the filter at the position read, None if there is none; raises NotConnected."""
 
 
 class Background(Device, Protocol):

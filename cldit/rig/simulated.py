@@ -25,7 +25,6 @@ def simulated_rig_data(
     """
     temperatures_K = scene.background.temperatures_K
     behind = {name: [str(run.resolve()) for run in runs] for name, runs in (filters or {}).items()}
-    wheel = {"driver": "simulated_filter_wheel", "settings": {}}
     return {
         "name": f"simulated rig before {scene.name}",
         "clock": {"model": "simulated", "real_time_factor": real_time_factor},
@@ -48,7 +47,7 @@ def simulated_rig_data(
             },
         },
         "camera": {"driver": "simulated_camera", "settings": {}},
-        **({"filter_wheel": wheel} if filters else {}),
+        **({"filter_wheel": {"driver": "simulated_filter_wheel"}} if filters else {}),
         "background": {
             "driver": "simulated_blackbody",
             "settings": {

@@ -17,7 +17,7 @@ _IDENTITY = "THORLABS FW102C/FW212C Filter Wheel version 1.07"
 class FilterWheelPeer(AtOneLine):
     """Emulated wheel, which listens at `host`:`port`, or at `serial`, once entered.
 
-    size: its positions. takes_s: time of a move. echo: repeats commands. waits: answers a
+    size: its positions. clock: of the moves of `takes_s`. echo: repeats commands. waits: answers a
     move at its end; the manual does not state when. serial: replaces the socket by a
     pseudo-terminal. commands: all that were understood.
     """
@@ -40,7 +40,7 @@ class FilterWheelPeer(AtOneLine):
         self.replies = Replies()
         self.stuck = False
         self.commands: list[str] = []
-        self._clock = clock or SystemClock()
+        self.clock = clock or SystemClock()
         self._size, self._takes_s, self._identity, self._echo = size, takes_s, identity, echo
         self._position, self._before, self._there_s = 1, 1, 0.0
         self._values = {"speed": 0, "sensors": 0, "trig": 0, "baud": 1}
@@ -50,7 +50,7 @@ class FilterWheelPeer(AtOneLine):
     @property
     def position(self) -> int:
         """Position in front of the camera; the one before during a move."""
-        moving = self._clock.now_s() < self._there_s
+        moving = self.clock.now_s() < self._there_s
         return self._before if moving else self._position
 
     def turn(self) -> None:
@@ -89,7 +89,7 @@ class FilterWheelPeer(AtOneLine):
             return ["Command error CMD_ARG_INVALID"]
         if not self.stuck:
             self._before, self._position = self.position, int(value)
-            self._there_s = self._clock.now_s() + self._takes_s
+            self._there_s = self.clock.now_s() + self._takes_s
         if self._waits:
-            self._clock.sleep(self._takes_s)
+            self.clock.sleep(self._takes_s)
         return []
