@@ -1,22 +1,24 @@
 """Thorlabs FW102C and FW212C filter wheels: serial commands at 115200 8N1 over USB, or TCP.
 
-Commands: Thorlabs, FW102C/FW212C manual, rev. H, 5.2.3. The wheel repeats a command, ends lines
+Commands: Thorlabs, FW102C manual, rev. H, table 5.2.3; echo and prompt: as public drivers of the
+wheel read them. The wheel repeats a command, ends lines
 with CR, and ends an answer with the prompt `> `. Read here up to `>`, an answer begins with its own
 question, so a late one is never taken for another's. A wheel that does not repeat commands is
 accepted too: its first answer, which is unique, shows it.
 
-`pos?` is what the wheel's controller believes. The manual does not state if that is the old or the
-new position during a move, so a position counts only `moving_s` after a command.
+`pos?` is the position by the wheel's own controller. The table does not state if that is the old or
+the new one during a move, so it counts only `moving_s` after a command.
 """
 
 import re
 from dataclasses import replace
 from typing import Annotated, Any
 
+from cldit.rig.checks import check_filter
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, OddAnswer
 from cldit.rig.link import HarmlessLink
-from cldit.rig.protocols import DeviceInfo, SpectralFilter, SpectralFilters, filter_named
+from cldit.rig.protocols import DeviceInfo, SpectralFilter, SpectralFilters
 from cldit.scene.checks import Within
 
 from .line_address import LineAddress
@@ -33,17 +35,13 @@ _IDENTITY = re.compile(r"THORLABS (FW\d+C\S*) .*?(\S+)", re.IGNORECASE)
 _EXPECTED = "an FW102C or FW212C"
 _REFUSAL = "Command error"
 _SIZES = (6, 12)  # positions of a wheel
-# What must not move the wheel, or hide that a hand did.
-_FIXED = {
-    "trig": 1,  # the trigger connector is an output: as an input, a pulse moves the wheel
-    "sensors": 1,  # they stay on: else a wheel that is turned while idle is not noticed
-}
 
 
 class WheelSettings(LineAddress):
     filters: SpectralFilters
     moving_s: Annotated[float, Within(0.0, 60.0)] = 5.0  # longest move, by which it must be over
     fast: bool = True
+    sensors: bool = True  # of its position stay on while idle, to notice a hand; false: less light
     port: Annotated[int, Within(1, 65535)] = 10001
     baudrate: Annotated[int, Within(9600, 115_200)] = 115_200
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
@@ -91,7 +89,9 @@ class Fw102c(HarmlessLink):
                     f"filter_wheel: filters: {item.name}: position {item.position}; allowed: "
                     f"1..{size}, the positions of this wheel"
                 )
-        for name, value in {**_FIXED, "speed": int(self._settings.fast)}.items():
+        # The trigger connector is an output: as an input, a pulse would move the wheel.
+        fixed = {"trig": 1, "speed": self._settings.fast, "sensors": self._settings.sensors}
+        for name, value in ((name, int(value)) for name, value in fixed.items()):
             self._tell(f"{name}={value}")
             if (got := self._number(f"{name}?", (0, 1))) != value:
                 raise ConfigRejected(
@@ -116,7 +116,7 @@ class Fw102c(HarmlessLink):
         return {**self._settings.model_dump(mode="json"), "position": self._position()}
 
     def move(self, name: str) -> None:
-        target = filter_named(self.filters, name).position
+        target = check_filter({item.name: item.position for item in self.filters}, name)
         if self._position() == target:
             return
         self._tell(f"pos={target}", more_s=self.moving_s)  # the prompt may come at its end

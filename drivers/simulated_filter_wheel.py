@@ -3,10 +3,11 @@
 from bisect import bisect_right
 from typing import Annotated, Any
 
+from cldit.rig.checks import check_filter
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import DeviceTimeout, NotConnected
 from cldit.rig.link import HarmlessLink
-from cldit.rig.protocols import DeviceInfo, SpectralFilter, filter_named
+from cldit.rig.protocols import DeviceInfo, SpectralFilter
 from cldit.scene.checks import Section, Within
 
 from .simulated_scene import SimulatedScene, bench_of
@@ -66,7 +67,7 @@ class SimulatedFilterWheel(HarmlessLink):
 
     def move(self, name: str) -> None:
         self._check()
-        target = filter_named(self.filters, name).position - 1
+        target = check_filter({item.name: item.position for item in self.filters}, name) - 1
         if self._now() == target:
             return
         stuck = self._settings.sticks_after

@@ -372,6 +372,7 @@ class HarmlessLink(Linked):
         return Safety(connected=True, did="nothing: it is harmless in every position")
 
     def close(self) -> None:
+        """Closes the line."""
         self._state = LinkState.NEVER
         super().close()
 

@@ -16,7 +16,6 @@ from pydantic import AfterValidator, model_validator
 
 from cldit.camera.calibration import Calibration
 from cldit.rig.clock import StopCheck
-from cldit.rig.errors import ConfigRejected
 from cldit.scene.checks import Section, Within
 from cldit.scene.values import Filter
 
@@ -222,14 +221,6 @@ def _distinct(filters: tuple[SpectralFilter, ...]) -> tuple[SpectralFilter, ...]
 
 SpectralFilters = Annotated[tuple[SpectralFilter, ...], AfterValidator(_distinct)]
 """Filters of a wheel: one or more, with different names and positions."""
-
-
-def filter_named(filters: tuple[SpectralFilter, ...], name: str) -> SpectralFilter:
-    """Returns the filter of this name; raises ConfigRejected if there is none."""
-    by_name = {item.name: item for item in filters}
-    if name not in by_name:
-        raise ConfigRejected(f"filter_wheel: {name}: no such filter; allowed: {', '.join(by_name)}")
-    return by_name[name]
 
 
 class Device(Protocol):

@@ -94,6 +94,9 @@ def test_what_could_move_the_wheel_or_hide_it_is_set() -> None:
         device.connect()
         assert {"trig=1", "sensors=1", "speed=1"} <= set(peer.commands)
         assert "save" not in peer.commands and not any("pos=" in c for c in peer.commands)
+    with FilterWheelPeer() as peer, wheel(peer, sensors=False, fast=False) as device:
+        device.connect()
+        assert {"trig=1", "sensors=0", "speed=0"} <= set(peer.commands)
 
 
 @pytest.mark.parametrize("serial", [False, True])

@@ -7,7 +7,7 @@ moves in finite time, sticks, and is turned by hand.
 
 from __future__ import annotations
 
-from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.clock import Clock, SystemClock
 from cldit.testing.replies import Replies
 from tests.emulators.lines import AtOneLine
 
@@ -18,7 +18,7 @@ class FilterWheelPeer(AtOneLine):
     """Emulated wheel, which listens at `host`:`port`, or at `serial`, once entered.
 
     size: its positions. clock: of the moves of `takes_s`. echo: repeats commands. waits: answers a
-    move at its end; the manual does not state when. serial: replaces the socket by a
+    move at its end; the maker does not state when. serial: replaces the socket by a
     pseudo-terminal. commands: all that were understood.
     """
 
@@ -27,7 +27,7 @@ class FilterWheelPeer(AtOneLine):
     def __init__(
         self,
         *,
-        clock: SimulatedClock | SystemClock | None = None,
+        clock: Clock | None = None,
         size: int = 6,
         takes_s: float = 0.5,
         identity: str = _IDENTITY,
@@ -40,7 +40,7 @@ class FilterWheelPeer(AtOneLine):
         self.replies = Replies()
         self.stuck = False
         self.commands: list[str] = []
-        self.clock = clock or SystemClock()
+        self.clock: Clock = clock or SystemClock()
         self._size, self._takes_s, self._identity, self._echo = size, takes_s, identity, echo
         self._position, self._before, self._there_s = 1, 1, 0.0
         self._values = {"speed": 0, "sensors": 0, "trig": 0, "baud": 1}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -232,13 +233,20 @@ def test_the_fw102c_in_a_sequence(turned: str, wheel: Mission) -> None:
 
             return {"fire": fire}
 
-        rig = wheel.rig(trigger=hand)
+        def counts_as_simulated(device: Any) -> dict[str, Any]:  # its clock is
+            return {"identify": lambda: replace(device.identify(), simulated=True)}
+
+        rig = wheel.rig(trigger=hand, filter_wheel=counts_as_simulated)
         stack.callback(rig.close)
         peer.clock = rig.clock
-        rig.camera.inner._bench.attach_wheel(lambda time_s: (peer.position - 1) % 2)
+        camera: Any = rig.camera
+        camera.inner._bench.attach_wheel(lambda time_s: (peer.position - 1) % 2)
+
+        hands: list[str] = []
 
         def between(progress: Any) -> None:
-            if turned == "between shots" and progress.done == 3 and "injection 2" in progress.phase:
+            if turned == "between shots" and progress.done == 3 and not hands:
+                hands.append("turned")
                 peer.turn()
             peer.stuck = turned == "stuck"
 
