@@ -200,7 +200,12 @@ def evaluate_folder(
 
 def _group(acquisition: Acquisition, delay: int | None, filter_name: str | None) -> Group:
     delays, filters = acquisition.plan.delays, acquisition.plan.filters
-    if filter_name not in (filters if filters[1:] else (None, *filters)):
+    if filter_name is None and len(filters) > 1:
+        raise EvaluationError(
+            f"{acquisition.folder}: contains {len(filters)} filters ({', '.join(filters)}); give "
+            "`filter_name`, or evaluate all with evaluate_delays"
+        )
+    if filter_name not in (None, *filters):
         allowed = f"allowed: {', '.join(filters) or 'none'}"
         raise EvaluationError(f"{acquisition.folder}: filter_name {filter_name}; {allowed}")
     if delay is None and len(delays) > 1:

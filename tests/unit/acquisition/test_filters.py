@@ -148,8 +148,10 @@ def test_each_filter_is_recorded_and_evaluated_apart(wheel: Mission) -> None:
     assert opened.of_group(Group(filter=1)).filter_um == (3.8, 4.0)
     with pytest.raises(RunFolderError, match=r"2 filters \(fuel, droplets\)"):
         _ = opened.calibration
-    with pytest.raises(EvaluationError, match="filter_name None; allowed: fuel, droplets"):
+    with pytest.raises(EvaluationError, match=r"2 filters \(fuel, droplets\); give `filter_name`"):
         evaluate_folder(wheel.folder)
+    with pytest.raises(EvaluationError, match="filter_name red; allowed: fuel, droplets"):
+        evaluate_folder(wheel.folder, filter_name="red")
     assert [item.filter_name for item in evaluate_delays(wheel.folder)] == list(FILTERS)
     for name, (_, depth) in FILTERS.items():
         place = wheel.folder / "maps" / name
