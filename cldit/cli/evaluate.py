@@ -26,7 +26,7 @@ from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
-from cldit.scene.delays import delay_text, same_time, spray_time_s
+from cldit.scene.delays import same_time, spray_time_s
 from cldit.show.report.folders import show_folder, write_pages
 
 
@@ -69,8 +69,8 @@ def evaluate(
 ) -> Outcome:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
-    The maps go into `maps` beside the images, with a page, report.html; those of several delays
-    into a folder each, with a table of all.
+    The maps go into `maps` beside the images, with a page, report.html; those of several filters
+    and delays into a folder each, with a table of the delays.
     """
     if write_measured is not None:
         for line in measured_draft.write_measured(folder, write_measured):
@@ -89,22 +89,24 @@ def evaluate(
         )
     modelled = None if model is None else open_run(model)
     if modelled is not None and not any(
-        _shows(modelled, delay, evaluations) for delay in evaluations
+        _shows(modelled, group, evaluations) for group in evaluations
     ):
-        raise EvaluationError(f"--model: {model}: its spray has none of the plan's delays")
-    for delay in evaluations:
-        if len(evaluations) > 1 and delay.delay_s is not None:
-            OUT.print(f"{delay_text(delay.delay_s)}:")
-        if delay.evaluation is not None:
-            _print(delay.evaluation)
-            if modelled is not None and _shows(modelled, delay, evaluations):
-                _scattering(target, modelled, delay.evaluation, delay.folder)
-            _print_result(delay.evaluation.maps)
-        print_files(delay.folder)
-    if len(evaluations) > 1:
-        for row in delay_rows(evaluations):
-            OUT.print(row.text)
-        print_files(target / "maps" / "delays.csv")
+        raise EvaluationError(f"--model: {model}: it has none of the plan's delays and filters")
+    for group in evaluations:
+        if group.label:
+            OUT.print(f"{group.label}:")
+        if group.evaluation is not None:
+            _print(group.evaluation)
+            if modelled is not None and _shows(modelled, group, evaluations):
+                _scattering(target, modelled, group.evaluation, group.folder)
+            _print_result(group.evaluation.maps)
+        print_files(group.folder)
+    for table in sorted({group.folder.parent / "delays.csv" for group in evaluations}):
+        if table.is_file():
+            of_filter = [group for group in evaluations if group.folder.parent == table.parent]
+            for row in delay_rows(of_filter):
+                OUT.print(row.text)
+            print_files(table)
     print_files(*write_pages(target))
     if suffix is not None:
         print_files(show_folder(target, suffix=suffix))
@@ -116,12 +118,13 @@ def evaluate(
     )
 
 
-def _data(delay: DelayEvaluation) -> dict[str, Any]:
+def _data(group: DelayEvaluation) -> dict[str, Any]:
     return {
-        "delay_s": delay.delay_s,
-        "folder": delay.folder,
-        "problem": delay.problem,
-        "evaluation": None if delay.evaluation is None else delay.evaluation.to_dict(),
+        "delay_s": group.delay_s,
+        "filter": group.filter_name,
+        "folder": group.folder,
+        "problem": group.problem,
+        "evaluation": None if group.evaluation is None else group.evaluation.to_dict(),
     }
 
 
@@ -139,9 +142,15 @@ def _print_result(maps: Maps) -> None:
         OUT.print(f"standard error of T_app: {np.nanmedian(error_K):.2g} K (median)", style="bold")
 
 
-def _shows(model: Run, delay: DelayEvaluation, evaluations: tuple[DelayEvaluation, ...]) -> bool:
-    """True if the model has this delay; a single delay is not checked."""
-    return len(evaluations) == 1 or same_time(spray_time_s(model.scene), delay.delay_s)
+def _shows(model: Run, group: DelayEvaluation, evaluations: tuple[DelayEvaluation, ...]) -> bool:
+    """True if the model has this delay and this filter; a single one is not checked."""
+    if group.evaluation is None or len(evaluations) == 1:
+        return len(evaluations) == 1
+    filter_um = group.evaluation.calibration.filter_um
+    if group.filter_name is not None and filter_um != model.quadrature.filter_um:
+        return False
+    alone = len({item.delay_s for item in evaluations}) == 1
+    return alone or same_time(spray_time_s(model.scene), group.delay_s)
 
 
 def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:

@@ -23,7 +23,7 @@ STEP = 250  # lines: a limit, not a line to edit in every commit
 
 BUDGETS: dict[str, int] = {
     "accuracy": 3750,
-    "acquisition": 5500,
+    "acquisition": 5750,
     "api": 1750,
     "bench": 750,
     "camera": 750,
@@ -32,7 +32,7 @@ BUDGETS: dict[str, int] = {
     "cli": 2750,
     "comparison": 2750,
     "dit": 7000,
-    "drivers": 4000,
+    "drivers": 4250,
     "gpu": 1250,
     "io": 2000,
     "kernels": 6250,

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure as Drawn
 
 from cldit.accuracy.errors import Cause
+from cldit.acquisition.plan import Group
 from cldit.acquisition.record import maps_folder, open_acquisition
 from cldit.arrays import Floats
 from cldit.dit.delay_table import DelayRow
@@ -127,7 +128,8 @@ def _camera(run: Run) -> Slider:
         return Slider("Background", {})
     acquisition = open_acquisition(_folder(run) / "acquisition")
     if len(acquisition.plan.delays) > 1 and spray_time_s(run.scene) is not None:
-        acquisition = acquisition.at_delay(_delay_number(run, acquisition.plan.delays))
+        delay = _delay_number(run, acquisition.plan.delays)
+        acquisition = acquisition.of_group(Group(delay=delay))
     frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
     sums: dict[float, tuple[Floats, int]] = {}
     for shot in acquisition.shots:

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan, plan_from_scene
 from cldit.acquisition.dry_runs import dry_run
 from cldit.acquisition.export import export
+from cldit.acquisition.plan import Group
 from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
 from cldit.cli import main
 from cldit.dit.maps import Maps
@@ -96,7 +97,7 @@ def test_maps_table_and_exports_by_delay(
     folder = tmp_path / "a"
     acquire(open_rig(rig_of_three), plan_of_three, folder)
     opened = open_acquisition(folder)
-    assert len(opened.shots) == 45 and len(opened.at_delay(1).shots) == 15
+    assert len(opened.shots) == 45 and len(opened.of_group(Group(delay=1)).shots) == 15
     assert (folder / "journal.jsonl").read_text().count('"event": "stable"') == 3
     result = CliRunner().invoke(main, ["evaluate", str(folder)])
     assert result.exit_code == 0, result.output
