@@ -9,6 +9,7 @@ resonances become finer than any table. Few different diameters (`FEW`; a monodi
 then solved exactly; with more, entries are means over 1 % of the diameter (a triangle of +-1 %),
 which change the mean of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those
 means, Q_abs of itself at any k (resonances narrower than the samples: `mie.efficiencies`).
+Each new table is checked at five sizes against miepython, a second program for Mie's solution.
 `cldit optics` prints the error for a scene, `python -m tests.bench optics` for k from 0 to 10.
 """
 
@@ -36,6 +37,9 @@ _SMOOTH = 0.015  # ... from this k / n on
 _FINER = (2, 8)  # samples a step where means are taken, from k = ...
 _SHARP = 0.0005  # ... on, and below, where resonances are narrower still
 _MOST_SAMPLES = 6e5  # 2 span n / k of a mean at n = 1.4 and k = 1e-7, see `resolved`
+_SECOND_PROGRAM = (
+    1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
+)
 _FORM = 4  # version of kept tables
 _AT_ONCE = 50_000  # diameters, whose steps stay in the cache
 
@@ -169,8 +173,32 @@ def scaled(x: Floats, solved: mie.Efficiencies) -> tuple[Floats, Floats, Floats]
     return scattering, solved.absorption * np.sqrt(1 + x * x) / x, solved.asymmetry
 
 
+def check_by_miepython(*, n: float, k: float, largest_x: float) -> None:
+    """Compares Mie's solution at five sizes with miepython; raises DropletError if they differ."""
+    import miepython  # half of a second, for the tables that few runs make
+
+    x = np.geomspace(1.0, min(max(largest_x, 1.0), 100.0), 5)
+    solved = mie.efficiencies(n=n, k=k, x=x)
+    extinction, scattering, _, asymmetry = miepython.efficiencies_mx(complex(n, -k), x)
+    for name, cldits, second in (
+        ("Q_ext", solved.extinction, extinction),
+        ("Q_sca", solved.scattering, scattering),
+        ("g Q_sca", solved.asymmetry * solved.scattering, asymmetry * scattering),
+    ):
+        apart = np.abs(cldits - second) / np.maximum(extinction, np.abs(second))
+        if not np.all(apart <= _SECOND_PROGRAM):
+            worst = int(np.argmax(apart))
+            raise DropletError(
+                f"Mie: {name} at x = {x[worst]:.3g}, m = {n:g} - {k:g}i is {cldits[worst]:.8g}, by "
+                f"miepython {second[worst]:.8g}; allowed: {_SECOND_PROGRAM:g} apart. Is NumPy or "
+                "miepython damaged?"
+            )
+
+
 def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
-    end = np.log(np.pi * end_m * 1e6 / wavelength_um)
+    largest_x = np.pi * end_m * 1e6 / wavelength_um
+    check_by_miepython(n=n, k=k, largest_x=largest_x)
+    end = np.log(largest_x)
     start = min(np.log(0.01), np.log(np.pi * SMALLEST_M * 1e6 / wavelength_um), end - 1)
     count = int((end - start) / _STEP) + 1
     step = (end - start) / (count - 1)
