@@ -168,10 +168,10 @@ def test_path_and_source_see_one_medium(
 @pytest.mark.parametrize(
     ("method", "phase"),
     [
-        ("source", None),
+        pytest.param("source", None, marks=pytest.mark.slow),
         ("source", henyey_greenstein(0.86)),
-        ("path", None),
-        ("path", henyey_greenstein(0.86)),
+        pytest.param("path", None, marks=pytest.mark.slow),
+        pytest.param("path", henyey_greenstein(0.86), marks=pytest.mark.slow),
         ("branching", None),
     ],
     ids=["source", "source-forward", "path", "path-forward", "branching"],
