@@ -117,6 +117,7 @@ def gdi(here: Path) -> None:
     (here / "gdi").write_text(dump_scene(parse_scene(data)), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("gdi")
 def test_readme(here: Path) -> None:
     names = run("README.md")

@@ -296,6 +296,7 @@ def test_before_the_injection_there_is_nothing(device: Device, tables: Path) -> 
     assert not flow.read("velocity").any()
 
 
+@pytest.mark.slow
 def test_single_precision(
     hot: Result, device: Device, tables: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
