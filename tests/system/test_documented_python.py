@@ -125,6 +125,7 @@ def test_readme(here: Path) -> None:
     assert (here / "runs" / "traced" / "scene.yaml").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_importing() -> None:
     """The file of the page's script is read as it says."""

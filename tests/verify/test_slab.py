@@ -87,12 +87,13 @@ def test_diffusing_slab_against_disort(run_block: Callable[..., Run]) -> None:
     assert run.weights.wall.mean() == pytest.approx(front, abs=3e-3)
 
 
+@SLOW
 @pytest.mark.parametrize(
     ("depth", "albedo", "g", "cells"),
     [
         (100.0, 0.9, 0.0, 64),
-        pytest.param(20.0, 0.8, 0.0, 64, marks=SLOW),
-        pytest.param(10.0, 0.9, 0.8, 128, marks=SLOW),
+        (20.0, 0.8, 0.0, 64),
+        (10.0, 0.9, 0.8, 128),
     ],
 )
 def test_thick_slab_against_disort(
