@@ -186,12 +186,15 @@ def _literal(value: Define) -> str:
 def build(
     device: Device, name: str, defines: Mapping[str, Define], *, preamble: str = ""
 ) -> Program:
-    """Builds kernels/NAME with these defines, of which floats become single-precision literals.
+    """Builds kernels/NAME with those defines that its source names, so that others build nothing
+    anew; floats become single-precision literals.
 
     `preamble` is OpenCL C in front of it, see `assemble`. Raises KernelError with the compiler's
     log.
     """
     source = assemble(name, preamble=preamble)
+    named = set(re.findall(r"\w+", source))
+    defines = {key: value for key, value in defines.items() if key in named}
     # PoCL's cache is by text and options, whichever processor the program was compiled for.
     built_for = re.sub(r"\W+", "_", device.info.version)
     options = [f"-D{key}={_literal(value)}" for key, value in sorted(defines.items())]

@@ -101,6 +101,7 @@ def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) 
         phase=henyey_greenstein(0.8),
         max_samples=64,
         accuracy_K=10.0,
+        gather=False,
         audit=False,
     )
     trace(random_tree(6), scene, device, settings)

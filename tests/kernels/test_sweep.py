@@ -208,7 +208,9 @@ def test_moments_against_numpy(device: Device) -> None:
     np.testing.assert_allclose(light["got"], light["expected"], atol=2e-6)
 
 
-@pytest.mark.parametrize(("sloped", "vector"), [(False, 8), (True, 1)])
+@pytest.mark.parametrize(
+    ("sloped", "vector"), [(False, 8), pytest.param(True, 1, marks=pytest.mark.slow)]
+)
 def test_gradients_against_numpy(device: Device, vector: int, sloped: bool) -> None:
     """Linear sources, with and without angular moments."""
     tree = random_tree(3)
@@ -283,7 +285,9 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
 
 
-@pytest.mark.parametrize(("windows", "vector"), [((), 1), (WINDOWS, 8)])
+@pytest.mark.parametrize(
+    ("windows", "vector"), [pytest.param((), 1, marks=pytest.mark.slow), (WINDOWS, 8)]
+)
 def test_blurred_boundary_against_numpy(
     device: Device, vector: int, windows: tuple[Patch, ...]
 ) -> None:

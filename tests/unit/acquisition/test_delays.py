@@ -89,6 +89,7 @@ def test_three_delays_take_hardly_longer_than_one(
     assert one < three <= 1.15 * one
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_maps_table_and_exports_by_delay(
     rig_of_three: dict[str, Any], plan_of_three: Plan, tmp_path: Path
 ) -> None:
