@@ -19,7 +19,7 @@ from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import TraceTemperature
-from cldit.transport.image import Rays, by_number
+from cldit.transport.image import Rays
 from cldit.transport.view import View
 
 Counts = Ints
@@ -55,15 +55,19 @@ class PixelResults:
         return cls(view, temperature, rim.reshape(-1))
 
     def __call__(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
-        """Results (2, N) of `pixels` (N,) with `weights` (C, N) by `across`^2 rays; NaN: none."""
-        mean = np.array(weights, np.float64)
+        """Results (2, I, N) of `pixels` (N,) with weights (I, C, N) by `across`^2 rays; NaN: none.
+
+        I is the number of images.
+        """
+        means = np.array(weights, np.float64)
         there = self.view.on_background(pixels)
         at = np.flatnonzero(there & self.rim[pixels])
         if len(at):
-            shares = by_number(self.view.boundary_shares, pixels[at], across[at])
-            mean[:, at] = evaluated(mean[:, at], shares, shares)
+            shares = self.view.boundary_shares(pixels[at], across[at])
+            for mean in means:
+                mean[:, at] = evaluated(mean[:, at], shares, shares)
             there[at] = shares[0] > VISIBLE_DISC  # DIT fits pixels of at least this share
-        return self._of(mean, there)
+        return np.stack([self._of(mean, there) for mean in means], axis=1)
 
     def _of(self, weights: Reals, there: Mask) -> Floats:
         """Results (2, N) of weights (C, N) as DIT evaluates them; NaN where not `there`."""
@@ -82,10 +86,8 @@ class PixelResults:
         out = np.zeros((2, len(pixels)))
         at = np.flatnonzero(self.view.on_background(pixels) & self.rim[pixels])
         if len(at):
-            one, other = (
-                by_number(self.view.boundary_shares, pixels[at], each)
-                for each in (few[at], np.full(len(at), SHARES))
-            )
+            both = np.stack([few[at], np.full(len(at), SHARES)])
+            one, other = np.moveaxis(self.view.boundary_shares(pixels[at], both), 1, 0)
             there = np.minimum(one[0], other[0]) > VISIBLE_DISC
             here, more = (
                 self._of(evaluated(weights[:, at], one, each), there) for each in (one, other)
@@ -213,7 +215,7 @@ class RayChoice:
         return np.asarray(self._kelvin_of(found, pixels, across) - self._kelvin[:, :, pixels])
 
     def _kelvin_of(self, found: Reals, pixels: Counts, across: Counts) -> Floats:
-        return np.stack([self._results(each[:-1], pixels, across) for each in found], axis=1)
+        return self._results(found[:, :-1], pixels, across)
 
     def _widen(self) -> None:
         """Traces four rays in the pixels beside those with a T_app, which may see the medium."""
