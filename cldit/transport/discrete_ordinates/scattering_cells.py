@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import download, zeros
+from cldit.gpu.buffers import download, unset, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
+from cldit.transport.discrete_ordinates.cell_packets import PACKET
 from cldit.transport.discrete_ordinates.sweep_arrays import Real
 
 _GROUP = 256  # of the kernels with one work-item for each cell
@@ -85,6 +86,16 @@ class ScatteringCells:
             planes=planes,
         )
 
-    def read(self, listed: Any) -> NDArray[Any]:
-        """Downloads the first C planes (C, N) of a list."""
-        return download(self.device, listed, np.empty((self.components, self.count), self.real))
+    @property
+    def stride(self) -> int:
+        """Numbers of a component in a vector: whole packets."""
+        return -(-self.count // PACKET) * PACKET
+
+    def unset(self, planes: int) -> Any:
+        """Buffer of a list (planes, N)."""
+        return unset(self.device, "list", planes * self.count, self.real)
+
+    def read(self, listed: Any, planes: int | None = None) -> NDArray[Any]:
+        """Downloads the first planes (P, N) of a list; None: all components of the first moment."""
+        rows = self.components if planes is None else planes
+        return download(self.device, listed, np.empty((rows, self.count), self.real))

@@ -10,6 +10,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.gpu.buffers import clear, download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
@@ -116,7 +117,6 @@ class Sweeper:
         self._i_minus_s, self._listed = self.room(1)
         most = max(packets.cells for packets in self.packets.values())
         self._source = unset(device, "source", self._planes * most, real)
-        self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
@@ -147,6 +147,7 @@ class Sweeper:
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
+        self._linear = upload(device, "linear cells", self.linear_cells.astype(np.int32))
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
         self.one_minus_lambda: NDArray[Any] = (cells.coalbedo + cells.albedo * escapes).astype(real)
         self._one_minus_lambda = upload(device, "1 - Lambda*", self.one_minus_lambda)
@@ -169,27 +170,28 @@ class Sweeper:
 
     def set_source(
         self,
-        listed: NDArray[Any] | None,
+        listed: Any,
         *,
         shining: bool,
-        gradient: NDArray[Any] | None = None,
+        gradient: Any = None,
     ) -> None:
         """Sets the source of the scattering cells for every sweep that follows.
 
         Args:
-            listed: (C, N), with MOMENT_SOURCE (9 C, N); None: a kernel has put it into the list.
+            listed: list (C, N), with MOMENT_SOURCE (9 C, N), or an array of it; None: a kernel has
+                put it into `source`.
             shining: all other cells have their thermal source; else they are black.
-            gradient: (3, C, K) of the isotropic part in `linear_cells`, unless neighbours give it.
+            gradient: (3, C, K) of the isotropic part in `linear_cells`, on the device or an array,
+                unless neighbours give it.
         """
         self._shining = shining
         if listed is not None:
-            self._given = np.ascontiguousarray(listed, self.real)
-            cl.enqueue_copy(self.device.queue, self._cells.source, self._given)
+            given = self.listed(listed)
+            cl.enqueue_copy(self.device.queue, self.source, given, byte_count=given.size)
         if gradient is not None:
-            planes = gradient.reshape(-1, len(self.linear_cells)).astype(self.real)
-            given = upload(self.device, "spatial gradient", planes)
+            given, many, count = self.listed(gradient), 3 * self.components, len(self.linear_cells)
             for order in self._order.values():
-                place, (many, count) = order.gradient_place, planes.shape
+                place = order.gradient_place
                 self._cells.put_list(given, order.gradient, place, planes=many, count=count)
         if self._neighbours:
             straight, turned = self._order[False], self._order[True]
@@ -203,6 +205,29 @@ class Sweeper:
                 turned=turned.gradient_place,
                 **self._neighbours,
             )
+
+    @property
+    def source(self) -> Any:
+        """List of the present source, with MOMENT_SOURCE of all moments."""
+        return self._cells.source
+
+    def listed(self, values: Any) -> Any:
+        """Uploads an array in the device's precision, unless it is on the device."""
+        on_device = isinstance(values, cl.MemoryObject)
+        return values if on_device else upload(self.device, "list", values.astype(self.real))
+
+    def unset_light(self, moments: int) -> Any:
+        """List for so many angular moments of all components."""
+        return self._cells.unset(moments * self.components)
+
+    def read(self, listed: Any, moments: int = 1) -> NDArray[Any]:
+        """Downloads the first moments (M C, N) of a list."""
+        return self._cells.read(listed, moments * self.components)
+
+    def read_gradient(self, gradient: Any) -> NDArray[Any]:
+        """Downloads a gradient (3, C, K) in `linear_cells`."""
+        out = np.empty((3, self.components, len(self.linear_cells)), self.real)
+        return download(self.device, gradient, out)
 
     def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
         """Puts the source into the box in one order of packets; `cavity`: all others emit 1."""
@@ -229,18 +254,6 @@ class Sweeper:
             unset(self.device, "I - S", planes * most, self.sum_type),
             unset(self.device, "list", planes * self.count, self.real),
         )
-
-    def _answer(self, kernel: str, **arguments: Any) -> NDArray[Any]:
-        """Result (C, N) of a kernel of source_update.cl on the source and I - S of the list."""
-        self._cells.run(
-            kernel,
-            {"count": self.count},
-            out=self._out,
-            i_minus_s=self._listed,
-            listed=self._cells.source,
-            **arguments,
-        )
-        return self._cells.read(self._out)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
         """Ordinates on the device, for any number of sweeps.
@@ -270,10 +283,11 @@ class Sweeper:
         program: Program,
         rays: DeviceOrdinates,
         *,
-        out: NDArray[Any],
+        out: Any,
         room: tuple[Any, ...] = (),
         interfaces: InterfaceRadiance | None = None,
-    ) -> NDArray[Any] | None:
+        since: Any = None,
+    ) -> Any:
         """Sweeps all ordinates for the angular moments of the radiance in the scattering cells.
 
         Moments beyond the mean are those of the radiance less its mean, which are 0 for isotropic
@@ -281,26 +295,93 @@ class Sweeper:
 
         Args:
             program: sweep.cl, for 9 moments with ANGULAR_MOMENTS.
-            out: (9 or 1, C, N) receives the moments.
+            out: list (9 or 1, C, N), which receives the moments.
             room: buffers of `room(MOMENTS)`, with ANGULAR_MOMENTS.
             interfaces: receives the stored radiance, with INTERFACE_RADIANCE.
+            since: gradient (3, C, K) of the source on the device, which is added to the result.
 
         Returns:
-            With SPATIAL_MOMENTS the gradient (3, C, K) of I - S in `linear_cells`, else None.
+            With SPATIAL_MOMENTS the gradient (3, C, K) of I - S in `linear_cells` on the device,
+            else None.
         """
         many = self.components * (MOMENTS if "ANGULAR_MOMENTS" in program.defines else 1)
         i_minus_s, listed = (self._i_minus_s, self._listed) if many == self.components else room
         gradient = self._sweep_all(
             program, rays, True, i_minus_s, listed, many, interfaces=interfaces
         )
-        download(self.device, listed, out[: many // self.components])
         weight = rays.directions.weight
-        if many > self.components:
-            of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
-            for moment, offset in zip(out[1:], of_isotropic, strict=True):
-                moment -= self.real(offset) * out[0]
-        out[0] += self.real(weight.sum()) * self._given[: self.components]
-        return None if gradient is None else gradient * self.real(_PER_MOMENT / weight.sum())
+        of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
+        self._cells.run(
+            "radiance_moments",
+            {"count": self.count},
+            high=self.components,
+            out=out,
+            i_minus_s=listed,
+            listed=self.source,
+            offsets=self.listed(of_isotropic),
+            weight=float(weight.sum()),
+            moments=many // self.components,
+        )
+        if gradient is not None:
+            self._cells.run(
+                "radiance_gradient",
+                {"count": 3 * self.components * len(self.linear_cells)},
+                gradient=gradient,
+                source_gradient=gradient if since is None else since,
+                scale=float(_PER_MOMENT / weight.sum()),
+                since=int(since is not None),
+            )
+        return gradient
+
+    def scatter(self, light: Any, gradient: Any, ratios: Reals | None) -> Any:
+        """Makes the radiance, scattered once more, the source of the sweeps that follow.
+
+        Args:
+            light: list (M, C, N) of its angular moments.
+            gradient: its spatial gradient (3, C, K) on the device; None: there is none.
+            ratios: (8, N) or (8, 1) of the source's moments to the radiance's, over the albedo;
+                None: the mean is the only moment.
+
+        Returns:
+            Limited gradient (3, C, K) of the source on the device, or None.
+        """
+        moments = 1 if ratios is None else MOMENTS
+        table = np.zeros((1, 1)) if ratios is None else ratios
+        self._cells.run(
+            "scattered_source",
+            {"count": self.count},
+            high=self.components,
+            listed=self.source,
+            light=light,
+            emission=self._emission,
+            albedo=self._albedo,
+            ratios=self.listed(table),
+            alike=int(table.shape[1] == 1),
+            moments=moments,
+        )
+        limited = None if gradient is None else self.limited_gradient(gradient, self.source)
+        self.set_source(None, shining=True, gradient=limited)
+        return limited
+
+    def limited_gradient(self, light: Any, source: Any) -> Any:
+        """Gradient (3, C, K) of the source in the linear cells, limited to positive sources.
+
+        `light` (3, C, K) is the gradient of the radiance there, and `source` (C or more, N) the
+        source of all scattering cells, the mean first; both on the device or arrays.
+        """
+        count = len(self.linear_cells)
+        out = unset(self.device, "spatial gradient", 3 * self.components * count, self.real)
+        self._cells.run(
+            "limited_gradients",
+            {"count": count},
+            gradient=out,
+            light_gradient=self.listed(light),
+            listed=self.listed(source),
+            albedo=self._albedo,
+            linear=self._linear,
+            cells=self.count,
+        )
+        return out
 
     def _sweep_all(
         self,
@@ -315,11 +396,12 @@ class Sweeper:
         interfaces: InterfaceRadiance | None = None,
         more: Mapping[str, Any] | None = None,
         cavity: bool = False,
-    ) -> NDArray[Any] | None:
+    ) -> Any:
         """Sweeps all ordinates, one order of packets after the other.
 
         Both orders share the buffer `i_minus_s`; `listed` receives its planes for the scattering
-        cells. Returns, with SPATIAL_MOMENTS, the moments (3, C, K) of I - S in `linear_cells`.
+        cells. Returns, with SPATIAL_MOMENTS, the moments (3, C, K) of I - S in `linear_cells` on
+        the device.
         """
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
         for turned, order in self._order.items():
@@ -348,10 +430,7 @@ class Sweeper:
                 some, count = (spatial[1], spatial[0], order.gradient_place), len(self.linear_cells)
                 self._cells.collect(*some, turned=turned, planes=3 * self.components, count=count)
         self.sweeps += len(rays.directions)
-        if not spatial:
-            return None
-        out = np.empty((3, self.components, len(self.linear_cells)), self.real)
-        return download(self.device, spatial[1], out)
+        return spatial[1] if spatial else None
 
     def _spatial_room(self) -> tuple[Any, Any]:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
@@ -404,22 +483,33 @@ class Sweeper:
             {**self._rays, "ray_rows": int(layout.ray_rows), **shared},
         )
 
-    def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
+    def defect(
+        self, solution: Any, rays: DeviceOrdinates, residual: Any = None, *, scattered: bool = False
+    ) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
-        The cells emit 1 less the boundary's part of their source `listed` (C, N); all other cells
-        emit 1.
+        The cells emit 1 less the boundary's part of their source `solution` (C, N), a list; all
+        other cells emit 1. The boundary's part of the vector `residual`, which with `scattered` is
+        scattered once more, is removed from it.
         """
-        b, real = self.boundaries, self.real
-        parts = np.zeros((self.components, self.count), real)
-        parts[:b] = listed[:b]
-        if self.components > b:
-            parts[b] = 1.0 - listed[:b].sum(axis=0)
-        self.set_source(parts, shining=True)
+        self._cells.run(
+            "cavity_source", {"count": self.count}, listed=self.source, solution=solution
+        )
+        self.set_source(None, shining=True)
         self.sweep(rays, shining=True, cavity=True)
-        total = self._cells.read(self._listed).sum(axis=0, dtype=np.float64)
-        missing = parts.sum(axis=0, dtype=np.float64) - 1.0
-        return np.asarray(total / rays.directions.weight.sum() + missing)
+        self._cells.run(
+            "cavity_defect",
+            {"count": self.count},
+            out=self._out,
+            i_minus_s=self._listed,
+            listed=self.source,
+            residual=self.source if residual is None else residual,
+            albedo=self._albedo,
+            weight=float(rays.directions.weight.sum()),
+            times=-1 if residual is None else int(scattered),
+            stride=self._cells.stride,
+        )
+        return np.asarray(self._cells.read(self._out, 1)[0], np.float64)
 
     def view_weighted_mean(
         self,
@@ -439,13 +529,18 @@ class Sweeper:
         gradient = self._sweep_all(
             camera.program, rays, True, *room, camera, interfaces=interfaces, more=more
         )
-        mean = self._answer(
+        self._cells.run(
             "weighted_mean",
+            {"count": self.count},
+            out=self._out,
+            i_minus_s=self._listed,
+            listed=self.source,
             shares=camera.shares[False],
             shares_turned=camera.shares[True],
             place=self._order[False].place,
             turned=self._order[True].place,
         )
+        mean = self._cells.read(self._out)
         if gradient is None:
             return mean, None
         for turned, order in self._order.items():
@@ -455,32 +550,73 @@ class Sweeper:
             self.linear_cells
         ]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
-        return mean, self.real(_PER_MOMENT) * share * gradient
+        return mean, self.real(_PER_MOMENT) * share * self.read_gradient(gradient)
 
     def krylov(self) -> KrylovSpace:
         """Empty Krylov space of the scattering cells, which sets the source."""
         return KrylovSpace(self._cells, self.opacity)
 
-    def residual(self, space: KrylovSpace, out: Any, *, shining: bool, listed: Any = None) -> None:
+    def residual(
+        self, space: KrylovSpace, out: Any, *, shining: bool, listed: Any = None, number: int = 0
+    ) -> None:
         """Writes the preconditioned residual after a sweep of the present source to `out`.
 
-        With `shining` the emission counts. `out` is a vector of `space`; `listed` is the list of
-        `room` with D; None: the sweeper's own.
+        With `shining` the emission counts. `out` is a vector of `space`, with the first `number`
+        vectors of which it is multiplied; `listed` is the list of `room` with D; None: the
+        sweeper's own.
         """
-        self._cells.run(
-            "residual",
-            {"count": self.count},
-            out=out,
+        space.residual(
+            out,
+            number=number,
             i_minus_s=self._listed if listed is None else listed,
-            listed=self._cells.source,
             emission=self._emission,
             albedo=self._albedo,
             coalbedo=self._coalbedo,
             one_minus_lambda=self._one_minus_lambda,
             shine=float(shining),
+        )
+
+    def corrected(self, space: KrylovSpace, solution: Any) -> Any:
+        """List (C, N) of a solution with the corrections of `space`."""
+        out = self.unset_light(1)
+        self._cells.run(
+            "correct",
+            {"count": self.count},
+            high=self.components,
+            out=out,
+            solution=solution,
+            onto=space.onto,
+            stride=space.stride,
+        )
+        return out
+
+    def correct_light(self, space: KrylovSpace, light: Any, residual: Any) -> None:
+        """Adds to the mean radiance (C, N) of a list what the corrections of `space` add.
+
+        `residual` is the vector before them.
+        """
+        self._cells.run(
+            "correct_light",
+            {"count": self.count},
+            high=self.components,
+            light=light,
+            onto=space.onto,
+            first=residual,
+            albedo=self._albedo,
+            one_minus_lambda=self._one_minus_lambda,
             stride=space.stride,
         )
 
-    def next_order(self) -> NDArray[Any]:
-        """Source a (S + D) + E, (C, N), after one more scattering (Lambda iteration)."""
-        return self._answer("next_order", emission=self._emission, albedo=self._albedo)
+    def next_order(self) -> Any:
+        """List of the source a (S + D) + E, (C, N), after one more scattering."""
+        out = self.unset_light(1)
+        self._cells.run(
+            "next_order",
+            {"count": self.count},
+            out=out,
+            i_minus_s=self._listed,
+            listed=self.source,
+            emission=self._emission,
+            albedo=self._albedo,
+        )
+        return out
