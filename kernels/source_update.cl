@@ -25,15 +25,24 @@ __kernel void emit(
             to[e * PACKET + k] = cavity ? R(e == 0) : thermal[in_table(e, packets * PACKET, i * PACKET + k)];
 }
 
-/* Puts all planes of the list into a box. */
+/* The orders of packets that a launch is for: along x, along y, or both. */
+#define STRAIGHT 1
+#define TURNED 2
+
+/* Puts all planes of the list into the boxes of these `orders`. */
 __kernel void set_source(
-    __global real *source, __global const real *listed, __global const int *place,
-    const int planes, const int count)
+    __global real *source, __global real *source_turned, __global const real *listed,
+    __global const int *place, __global const int *turned, const int orders, const int planes,
+    const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const size_t at = first_plane(place[i], planes);
-    for (int p = 0; p < planes; ++p) source[at + p * PACKET] = listed[in_table(p, count, i)];
+    const size_t at = first_plane(place[i], planes), also = first_plane(turned[i], planes);
+    for (int p = 0; p < planes; ++p) {
+        const real own = listed[in_table(p, count, i)];
+        if (orders & STRAIGHT) source[at + p * PACKET] = own;
+        if (orders & TURNED) source_turned[also + p * PACKET] = own;
+    }
 }
 
 /* Spatial gradient of the listed source in each cell from its neighbours, into both boxes; see
@@ -59,17 +68,20 @@ __kernel void set_gradients(
     }
 }
 
-/* Collects D = sum w (I - S) q of the listed cells from one box; `more`: adds to what is there. */
+/* Collects D = sum w (I - S) q of the listed cells from the boxes of these `orders`. A launch for the
+   turned one alone adds to what is there. */
 __kernel void collect_i_minus_s(
-    __global real *out, __global const sum_t *box, __global const int *place, const int more,
-    const int planes, const int count)
+    __global real *out, __global const sum_t *box, __global const sum_t *box_turned,
+    __global const int *place, __global const int *turned, const int orders, const int planes,
+    const int count)
 {
     const int i = get_global_id(0);
     const int c = get_global_id(1);
     if (i >= count) return;
     const size_t at = in_table(c, count, i);
-    const real before = out[at];
-    out[at] = (more ? before : R(0)) + SUM_OF(box[first_plane(place[i], planes) + c * PACKET]);
+    real sum = orders & STRAIGHT ? SUM_OF(box[first_plane(place[i], planes) + c * PACKET]) : out[at];
+    if (orders & TURNED) sum += SUM_OF(box_turned[first_plane(turned[i], planes) + c * PACKET]);
+    out[at] = sum;
 }
 
 /* S = a (S + D) + E: one order of scattering (Lambda iteration). */

@@ -11,6 +11,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.angular_moments import MOMENTS, phase_coefficients
 from cldit.transport.cells import OpticalCells
+from cldit.transport.discrete_ordinates import sweep as sweep_module
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
@@ -73,6 +74,33 @@ def test_gradients_of_source_and_radiance_add_up(device: Device) -> None:
     both = sweeper.moments(program, rays, out=out, since=sweeper.listed(own))
     assert np.abs(alone).max() > 0.1
     np.testing.assert_allclose(sweeper.read_gradient(both), own + alone, rtol=0, atol=ROUNDINGS)
+
+
+@pytest.mark.parametrize("flags", [{}, {"LINEAR_SOURCE": 1, "SPATIAL_MOMENTS": 1}])
+def test_boxes_that_share_a_buffer_change_nothing(
+    device: Device, flags: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where memory is short. Sources and emission change from sweep to sweep."""
+    results = []
+    for apart in (1.0, 0.0):
+        monkeypatch.setattr(sweep_module, "_APART", apart)
+        sweeper = sweeper_of(device, flags)
+        assert sweeper._apart == bool(apart)
+        rng = np.random.default_rng(2)
+        rays, out = sweeper.rays(isotropic(8, rng), rng.random((8, 2))), sweeper.unset_light(1)
+        for cavity in (False, True, False):
+            for shining in (True, False, True):
+                source = rng.random((sweeper.components, sweeper.count))
+                sweeper.set_source(source, shining=shining)
+                sweeper.sweep(rays, shining=shining, cavity=cavity)
+                results.append(sweeper.read(sweeper.next_order()))
+        found = sweeper.moments(sweeper._sweep, rays, out=out)
+        results.append(sweeper.read(out))
+        results.append(np.zeros(0) if found is None else sweeper.read_gradient(found))
+    half = len(results) // 2
+    for own, shared in zip(results[:half], results[half:], strict=True):
+        np.testing.assert_array_equal(own, shared)
+    assert not np.array_equal(results[0], results[3])
 
 
 def test_corrections_are_numpys(device: Device) -> None:

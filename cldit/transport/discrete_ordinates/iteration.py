@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.gpu.buffers import zeros
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cell_phases import phase_moments
@@ -133,10 +134,11 @@ def _moments(
         walled[0, 1] = 1.0  # isotropic, from the wall
         light = sweeper.listed(walled)
     if problem.linear_cells is not None:
-        changes = np.zeros((3, sweeper.components, np.count_nonzero(problem.linear_cells)))
+        count = 3 * sweeper.components * int(np.count_nonzero(problem.linear_cells))
+        gradient = zeros(problem.device, "spatial gradient", count, sweeper.real)
         if sweeper.gradients is not None:
-            changes[:] = sweeper.gradients(sweeper.read(light))[:, :, problem.linear_cells]
-        gradient = sweeper.listed(changes)
+            changes = sweeper.gradients(sweeper.read(light))[:, :, problem.linear_cells]
+            gradient = sweeper.listed(changes)
     solution, defect = _checked(problem, sweeper, solution, scattered=True)
     return SolvedSource(
         solution=solution,

@@ -3,6 +3,7 @@
 kernels/source_update.cl moves values between the list and the swept box.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,15 @@ from cldit.transport.discrete_ordinates.cell_packets import PACKET
 from cldit.transport.discrete_ordinates.sweep_arrays import Real
 
 _GROUP = 256  # of the kernels with one work-item for each cell
+
+Boxes = Mapping[bool, Any]  # buffers by order of packets: along x, and turned
+Orders = tuple[bool, ...]
+BOTH: Orders = (False, True)
+
+
+def _bits(orders: Orders) -> int:
+    """Orders as the kernels take them."""
+    return sum(1 << turned for turned in orders)
 
 
 @dataclass(frozen=True)
@@ -56,33 +66,42 @@ class ScatteringCells:
             group = min(_GROUP, self.kernels.largest_group(kernel))
             self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
-    def put(self, into: Any, place: Any, *, planes: int) -> None:
-        """Puts the source into a box; `into` is its buffer, `place` that of the cells' places."""
-        self.put_list(self.source, into, place, planes=planes, count=self.count)
+    def put(
+        self, listed: Any, boxes: Boxes, places: Boxes, orders: Orders, *, planes: int, count: int
+    ) -> None:
+        """Puts a list (planes, count) into the boxes of these orders of packets.
 
-    def put_list(self, listed: Any, into: Any, place: Any, *, planes: int, count: int) -> None:
-        """Puts a list (planes, count) into a box as `put`."""
-        arguments = {"source": into, "listed": listed, "place": place, "planes": planes}
-        self.run("set_source", {"count": count}, **arguments)
+        `places` are the listed cells' places in either box.
+        """
+        self.run(
+            "set_source",
+            {"count": count},
+            source=boxes[False],
+            source_turned=boxes[True],
+            listed=listed,
+            place=places[False],
+            turned=places[True],
+            orders=_bits(orders),
+            planes=planes,
+        )
 
     def collect(
-        self, out: Any, box: Any, place: Any, *, turned: bool, planes: int, count: int | None = None
+        self, out: Any, boxes: Boxes, places: Boxes, orders: Orders, *, planes: int, count: int
     ) -> None:
-        """Collects planes of a box into a list.
+        """Collects planes of the boxes of these orders into a list (planes, count).
 
-        Args:
-            out: buffer of the list (planes, count).
-            box, place: buffers of the box, and of the cells' places in it.
-            turned: adds to the list, after the other order of packets.
+        The turned order alone adds to the list, which has the other order's.
         """
         self.run(
             "collect_i_minus_s",
-            {"count": self.count if count is None else count},
+            {"count": count},
             high=planes,
             out=out,
-            box=box,
-            place=place,
-            more=int(turned),
+            box=boxes[False],
+            box_turned=boxes[True],
+            place=places[False],
+            turned=places[True],
+            orders=_bits(orders),
             planes=planes,
         )
 

@@ -26,7 +26,12 @@ from cldit.transport.discrete_ordinates.gradients import Gradients
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
-from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
+from cldit.transport.discrete_ordinates.scattering_cells import (
+    BOTH,
+    Boxes,
+    Orders,
+    ScatteringCells,
+)
 from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
 from cldit.transport.tuning import Tuning
@@ -38,6 +43,7 @@ _TOGETHER = 32  # ordinates of a schedule; more would need more memory for rays
 _EDGE = 16  # largest number of rows and layers of a tile, for the cache of a CPU core
 _TILES = 4  # smallest mean number for each core in a launch
 _GROUP = 32  # rays of a row that a group of work-items follows
+_APART = 1 / 32  # share of the memory up to which either order of packets has a box of its own
 
 
 class Sweeper:
@@ -114,9 +120,13 @@ class Sweeper:
             )
             for turned, packets in self.packets.items()
         }
-        self._i_minus_s, self._listed = self.room(1)
-        most = max(packets.cells for packets in self.packets.values())
-        self._source = unset(device, "source", self._planes * most, real)
+        self._places = {turned: order.place for turned, order in self._order.items()}
+        self._linear_places = {turned: o.gradient_place for turned, o in self._order.items()}
+        number_bytes = np.dtype(real).itemsize + np.dtype(self.sum_type).itemsize
+        packed = sum(packets.cells for packets in self.packets.values())
+        self._apart = packed * self._planes * number_bytes < _APART * device.info.memory_bytes
+        self._emits: tuple[bool, bool] | None = None
+        self._source = self._boxes("source", self._planes, real)
         self._shining = False
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
@@ -159,6 +169,7 @@ class Sweeper:
             count=self.count,
             real=real,
         )
+        self._i_minus_s, self._listed = self.room(1)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
 
@@ -189,10 +200,9 @@ class Sweeper:
             given = self.listed(listed)
             cl.enqueue_copy(self.device.queue, self.source, given, byte_count=given.size)
         if gradient is not None:
-            given, many, count = self.listed(gradient), 3 * self.components, len(self.linear_cells)
-            for order in self._order.values():
-                place = order.gradient_place
-                self._cells.put_list(given, order.gradient, place, planes=many, count=count)
+            boxes = {turned: order.gradient for turned, order in self._order.items()}
+            some = {"planes": 3 * self.components, "count": len(self.linear_cells)}
+            self._cells.put(self.listed(gradient), boxes, self._linear_places, BOTH, **some)
         if self._neighbours:
             straight, turned = self._order[False], self._order[True]
             self._cells.run(
@@ -229,31 +239,42 @@ class Sweeper:
         out = np.empty((3, self.components, len(self.linear_cells)), self.real)
         return download(self.device, gradient, out)
 
-    def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
-        """Puts the source into the box in one order of packets; `cavity`: all others emit 1."""
-        clear(self.device, self._source, self._planes * order.packets.cells, self.real)
-        if self.components > self.boundaries and self._shining:
-            self._cells.run(
-                "emit",
-                {"packets": len(order.packets)},
-                source=self._source,
-                thermal=order.thermal,
-                cavity=int(cavity),
-                planes=self._planes,
-            )
-        self._cells.put(self._source, order.place, planes=self._planes)
+    def _fill(self, orders: Orders, *, cavity: bool) -> None:
+        """Puts the source into the boxes of these orders; `cavity`: all other cells emit 1.
+
+        A box of its own keeps the emission of the other cells from sweep to sweep.
+        """
+        if not self._apart or self._emits != (self._shining, cavity):
+            for order in (self._order[turned] for turned in orders):
+                box = self._source[order.turned]
+                clear(self.device, box, self._planes * order.packets.cells, self.real)
+                if self.components > self.boundaries and self._shining:
+                    self._cells.run(
+                        "emit",
+                        {"packets": len(order.packets)},
+                        source=box,
+                        thermal=order.thermal,
+                        cavity=int(cavity),
+                        planes=self._planes,
+                    )
+            self._emits = (self._shining, cavity)
+        some = {"planes": self._planes, "count": self.count}
+        self._cells.put(self.source, self._source, self._places, orders, **some)
+
+    def _boxes(self, what: str, planes: int, dtype: type[np.generic]) -> Boxes:
+        """Buffer of either order's box; the orders share one if memory is short."""
+        sizes = {turned: planes * packets.cells for turned, packets in self.packets.items()}
+        if self._apart:
+            return {turned: unset(self.device, what, sizes[turned], dtype) for turned in BOTH}
+        return dict.fromkeys(BOTH, unset(self.device, what, max(sizes.values()), dtype))
 
     def room(self, moments: int) -> tuple[Any, ...]:
-        """Buffers for so many angular moments of I - S, in the box and in the list.
+        """Buffers for so many angular moments of I - S, in the boxes and in the list.
 
         Sweeps clear and write them. All sweepers of this box can share them.
         """
         planes = moments * self.components
-        most = max(packets.cells for packets in self.packets.values())
-        return (
-            unset(self.device, "I - S", planes * most, self.sum_type),
-            unset(self.device, "list", planes * self.count, self.real),
-        )
+        return self._boxes("I - S", planes, self.sum_type), self._cells.unset(planes)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
         """Ordinates on the device, for any number of sweeps.
@@ -388,7 +409,7 @@ class Sweeper:
         program: Program,
         rays: DeviceOrdinates,
         shining: bool,
-        i_minus_s: Any,
+        i_minus_s: Boxes,
         listed: Any,
         planes: int,
         camera: CameraSweep | None = None,
@@ -397,49 +418,69 @@ class Sweeper:
         more: Mapping[str, Any] | None = None,
         cavity: bool = False,
     ) -> Any:
-        """Sweeps all ordinates, one order of packets after the other.
+        """Sweeps all ordinates, both orders of packets at once if they have boxes of their own.
 
-        Both orders share the buffer `i_minus_s`; `listed` receives its planes for the scattering
-        cells. Returns, with SPATIAL_MOMENTS, the moments (3, C, K) of I - S in `linear_cells` on
-        the device.
+        `listed` receives the planes of the boxes `i_minus_s` for the scattering cells. Returns,
+        with SPATIAL_MOMENTS, the moments (3, C, K) of I - S in `linear_cells` on the device.
         """
-        spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
-        for turned, order in self._order.items():
-            self._fill(order, cavity=cavity)
-            clear(self.device, i_minus_s, planes * order.packets.cells, self.sum_type)
-            if spatial:
-                clear(self.device, spatial[0], 3 * order.linear_size, self.sum_type)
-            if camera is not None:
-                clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
-            linear: dict[str, Any] = {}
-            if "LINEAR_SOURCE" in program.defines:
-                linear["gradient"] = order.gradient
-            if spatial:
-                linear["spatial_moments"] = spatial[0]
-            for schedule, tables, basis in rays.sweep_schedules:
-                if schedule.layout.turned is turned:
-                    arguments = {"i_minus_s": i_minus_s, **tables, **linear, **(more or {})}
-                    arguments |= basis if spatial else {}
-                    if camera is not None:
-                        arguments |= camera.arguments(schedule.layout)
-                    if interfaces is not None:
-                        arguments |= interfaces.arguments(schedule.layout)
-                    self._launch(program, schedule, shining, arguments)
-            self._cells.collect(listed, i_minus_s, order.place, turned=turned, planes=planes)
-            if spatial:
-                some, count = (spatial[1], spatial[0], order.gradient_place), len(self.linear_cells)
-                self._cells.collect(*some, turned=turned, planes=3 * self.components, count=count)
+        spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else None
+        parts = {"planes": planes, "count": self.count}
+        some = {"planes": 3 * self.components, "count": len(self.linear_cells)}
+        for orders in (BOTH,) if self._apart else ((False,), (True,)):
+            self._fill(orders, cavity=cavity)
+            for turned in orders:
+                self._sweep_order(
+                    program, rays, shining, turned, i_minus_s, planes, spatial, camera,
+                    interfaces=interfaces, more=more,
+                )  # fmt: skip
+            self._cells.collect(listed, i_minus_s, self._places, orders, **parts)
+            if spatial is not None:
+                self._cells.collect(spatial[1], spatial[0], self._linear_places, orders, **some)
         self.sweeps += len(rays.directions)
-        return spatial[1] if spatial else None
+        return None if spatial is None else spatial[1]
 
-    def _spatial_room(self) -> tuple[Any, Any]:
+    def _sweep_order(
+        self,
+        program: Program,
+        rays: DeviceOrdinates,
+        shining: bool,
+        turned: bool,
+        i_minus_s: Boxes,
+        planes: int,
+        spatial: tuple[Boxes, Any] | None,
+        camera: CameraSweep | None,
+        *,
+        interfaces: InterfaceRadiance | None,
+        more: Mapping[str, Any] | None,
+    ) -> None:
+        """Sweeps the ordinates of one order of packets, see `_sweep_all`."""
+        order = self._order[turned]
+        clear(self.device, i_minus_s[turned], planes * order.packets.cells, self.sum_type)
+        linear: dict[str, Any] = {}
+        if "LINEAR_SOURCE" in program.defines:
+            linear["gradient"] = order.gradient
+        if spatial is not None:
+            clear(self.device, spatial[0][turned], 3 * order.linear_size, self.sum_type)
+            linear["spatial_moments"] = spatial[0][turned]
+        if camera is not None:
+            clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
+        for schedule, tables, basis in rays.sweep_schedules:
+            if schedule.layout.turned is not turned:
+                continue
+            arguments = {"i_minus_s": i_minus_s[turned], **tables, **linear, **(more or {})}
+            arguments |= {} if spatial is None else basis
+            if camera is not None:
+                arguments |= camera.arguments(schedule.layout)
+            if interfaces is not None:
+                arguments |= interfaces.arguments(schedule.layout)
+            self._launch(program, schedule, shining, arguments)
+
+    def _spatial_room(self) -> tuple[Boxes, Any]:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
-        most = 3 * max(order.linear_size for order in self._order.values())
+        sizes = {turned: 3 * order.linear_size for turned, order in self._order.items()}
         listed = 3 * self.components * len(self.linear_cells)
-        return (
-            unset(self.device, "I - S", most, self.sum_type),
-            unset(self.device, "list", listed, self.real),
-        )
+        boxes = {t: unset(self.device, "I - S", size, self.sum_type) for t, size in sizes.items()}
+        return boxes, unset(self.device, "list", listed, self.real)
 
     def _launch(
         self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
@@ -456,7 +497,7 @@ class Sweeper:
             "packets": order.rows,
             "begins": order.begins,
             "depth": order.depth,
-            "source": self._source,
+            "source": self._source[layout.turned],
             "layout": int(layout.number),
             "nu": nu,
             "nv": nv,
@@ -543,9 +584,8 @@ class Sweeper:
         mean = self._cells.read(self._out)
         if gradient is None:
             return mean, None
-        for turned, order in self._order.items():
-            weights = camera.shares[turned]
-            self._cells.collect(self._out, weights, order.place, turned=turned, planes=1)
+        one = {"planes": 1, "count": self.count}
+        self._cells.collect(self._out, camera.shares, self._places, BOTH, **one)
         shares = download(self.device, self._out, np.empty(self.count, self.real))[
             self.linear_cells
         ]

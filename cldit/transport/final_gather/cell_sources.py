@@ -83,10 +83,10 @@ def _updated(
 
     With a phase function these give only the source to the camera, so the mean is not updated.
     """
-    isotropic = problem.settings.phase is None
+    isotropic, source = problem.settings.phase is None, sweeper.source
     if isotropic:
-        angular = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
-    updated = sweeper.read_gradient(sweeper.limited_gradient(gradient, angular))
+        source = angular = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
+    updated = sweeper.read_gradient(sweeper.limited_gradient(gradient, source))
     if not isotropic and known is not None:
         depth = problem.medium.depth[problem.medium.address[sweeper.linear_cells]]
         # The radiance towards the camera does not give the gradients of thicker cells.
