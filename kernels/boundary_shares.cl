@@ -2,13 +2,12 @@
 #include "boundary.h"
 #include "ray.h"
 
-/* Rays of each listed pixel that end on each part of the boundary; `places` and `ranges`
-   as in image.cl. */
+/* Rays of each listed pixel that end on each part of the boundary; `places` and `ranges` as in image.cl. */
 __kernel void boundary_shares(
     __global int *seen, /* BOUNDARIES planes of `count` */
     __global const int *list, const int count, __global const real4 *places,
-    __global const int2 *ranges, const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
-    const real distance, BOUNDARY_ARGUMENTS)
+    __global const int2 *ranges, const int columns, const int rows, const real4 middle, const real pitch_x,
+    const real pitch_z, const real distance, BOUNDARY_ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;

@@ -240,9 +240,8 @@ __kernel void thick_intervals(
     if (!fill) number[item] = crossed;
 }
 
-/* Means of paths for each chosen ray, of two independent sets of samples each, with the points from
-   `from_point` on. The first dimension of a point is the share of all that thick cells scatter on the
-   line, up to the path's start. */
+/* Means of two independent sets of paths for each chosen ray, with the points from `from_point` on. The first
+   dimension of a point is the share of all that thick cells scatter on the line, up to the path's start. */
 __kernel void gather(
     __global real *means,         /* out: [half][part][list], the last part the number of segments */
     __global const int2 *chosen,  /* in: number of a ray, and of the samples of either half */

@@ -6,7 +6,6 @@
 
 #include "components.h"
 #include "extinction.h"
-#include "limiter.h"
 
 #ifdef LINEAR_COEFFICIENTS
 /* Mean place of what reaches the beginning of a crossing of optical depth t from within it, nearer than its

@@ -8,8 +8,6 @@
 #include "real.h"
 #include "components.h"
 #include "cell_packets.h"
-#include "limiter.h"
-#include "moments.h"
 
 /* Puts the emission, [emitter][cell], into a box's source of so many planes a cell. `cavity`: the first
    emitter is 1, the others are 0. */
@@ -25,11 +23,7 @@ __kernel void emit(
             to[e * PACKET + k] = cavity ? R(e == 0) : thermal[in_table(e, packets * PACKET, i * PACKET + k)];
 }
 
-/* The orders of packets that a launch is for: along x, along y, or both. */
-#define STRAIGHT 1
-#define TURNED 2
-
-/* Puts all planes of the list into the boxes of these `orders`. */
+/* Puts all planes of the list into the boxes of these `orders`: 1 along x, 2 turned, 3 both. */
 __kernel void set_source(
     __global real *source, __global real *source_turned, __global const real *listed,
     __global const int *place, __global const int *turned, const int orders, const int planes,
@@ -40,8 +34,8 @@ __kernel void set_source(
     const size_t at = first_plane(place[i], planes), also = first_plane(turned[i], planes);
     for (int p = 0; p < planes; ++p) {
         const real own = listed[in_table(p, count, i)];
-        if (orders & STRAIGHT) source[at + p * PACKET] = own;
-        if (orders & TURNED) source_turned[also + p * PACKET] = own;
+        if (orders & 1) source[at + p * PACKET] = own;
+        if (orders & 2) source_turned[also + p * PACKET] = own;
     }
 }
 
@@ -68,8 +62,7 @@ __kernel void set_gradients(
     }
 }
 
-/* Collects D = sum w (I - S) q of the listed cells from the boxes of these `orders`. A launch for the
-   turned one alone adds to what is there. */
+/* Collects D = sum w (I - S) q of the listed cells from the boxes of these `orders`; 2 adds to the list. */
 __kernel void collect_i_minus_s(
     __global real *out, __global const sum_t *box, __global const sum_t *box_turned,
     __global const int *place, __global const int *turned, const int orders, const int planes,
@@ -79,22 +72,9 @@ __kernel void collect_i_minus_s(
     const int c = get_global_id(1);
     if (i >= count) return;
     const size_t at = in_table(c, count, i);
-    real sum = orders & STRAIGHT ? SUM_OF(box[first_plane(place[i], planes) + c * PACKET]) : out[at];
-    if (orders & TURNED) sum += SUM_OF(box_turned[first_plane(turned[i], planes) + c * PACKET]);
+    real sum = orders & 1 ? SUM_OF(box[first_plane(place[i], planes) + c * PACKET]) : out[at];
+    if (orders & 2) sum += SUM_OF(box_turned[first_plane(turned[i], planes) + c * PACKET]);
     out[at] = sum;
-}
-
-/* S = a (S + D) + E: one order of scattering (Lambda iteration). */
-__kernel void next_order(
-    __global real *out, __global const real *i_minus_s, __global const real *listed,
-    __global const real *emission, __global const real *albedo, const int count)
-{
-    const int i = get_global_id(0);
-    if (i >= count) return;
-    for (int c = 0; c < COMPONENTS; ++c) {
-        const size_t k = in_table(c, count, i);
-        out[k] = albedo[i] * (listed[k] + i_minus_s[k]) + emission[k];
-    }
 }
 
 /* Mean radiance S + D / (sum of weights); the weights are the camera's. */
@@ -112,9 +92,9 @@ __kernel void weighted_mean(
     }
 }
 
-/* Angular moments of the radiance, [moment][component][cell], from D of the same moments and the mean S of
-   the list. Those beyond the mean are of the radiance less its mean, which are 0 for isotropic radiance
-   with any quadrature; offsets: of radiance 1. weight: sum of the quadrature weights. */
+/* Angular moments of the radiance, [moment][component][cell], from D of these moments and the mean S. Those
+   beyond the mean are of the radiance less its mean: 0 if it is isotropic, with any quadrature. offsets: of
+   radiance 1. weight: sum of the quadrature weights. */
 __kernel void radiance_moments(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *offsets, const real weight, const int moments, const int count)
@@ -122,12 +102,12 @@ __kernel void radiance_moments(
     const int i = get_global_id(0);
     const int c = get_global_id(1);
     if (i >= count) return;
-    const real mean = i_minus_s[in_table(c, count, i)];
+    const size_t mean = in_table(c, count, i);
     for (int m = 1; m < moments; ++m) {
         const size_t at = in_table(m * COMPONENTS + c, count, i);
-        out[at] = i_minus_s[at] - offsets[m - 1] * mean;
+        out[at] = i_minus_s[at] - offsets[m - 1] * i_minus_s[mean];
     }
-    out[in_table(c, count, i)] = mean + weight * listed[in_table(c, count, i)];
+    out[mean] = i_minus_s[mean] + weight * listed[mean];
 }
 
 /* Spatial gradient of the radiance from the first moments of I - S, as `scale` times them; `since`: beside
@@ -137,12 +117,11 @@ __kernel void radiance_gradient(
     const int count)
 {
     const int i = get_global_id(0);
-    if (i >= count) return;
-    gradient[i] = (since ? source_gradient[i] : R(0)) + scale * gradient[i];
+    if (i < count) gradient[i] = (since ? source_gradient[i] : R(0)) + scale * gradient[i];
 }
 
-/* Source of radiance that scatters: its angular moments times the albedo, and those beyond the mean times
-   `ratios` [moment][cell], or with `alike` [moment]; the mean has the emission. */
+/* Source of radiance that scatters: its angular moments times the albedo and, beyond the mean, `ratios`
+   [moment][cell], or with `alike` [moment]; the mean has the emission. */
 __kernel void scattered_source(
     __global real *listed, __global const real *light, __global const real *emission,
     __global const real *albedo, __global const real *ratios, const int alike, const int moments,
@@ -159,8 +138,8 @@ __kernel void scattered_source(
     }
 }
 
-/* Gradient of the source, [axis][component][linear cell], from that of the radiance, limited to sources
-   that are positive everywhere in a cell. linear: numbers of these cells in the list of `cells`. */
+/* Limited gradient of the source, [axis][component][linear cell], from that of the radiance. linear: numbers
+   of these cells in the list of `cells`. */
 __kernel void limited_gradients(
     __global real *gradient, __global const real *light_gradient, __global const real *listed,
     __global const real *albedo, __global const int *linear, const int cells, const int count)
@@ -169,8 +148,8 @@ __kernel void limited_gradients(
     if (i >= count) return;
     const int cell = linear[i];
     real own[3 * COMPONENTS], mean[COMPONENTS];
-    for (int c = 0; c < COMPONENTS; ++c) mean[c] = listed[in_table(c, cells, cell)];
     for (int n = 0; n < 3 * COMPONENTS; ++n) own[n] = albedo[cell] * light_gradient[in_table(n, count, i)];
+    for (int c = 0; c < COMPONENTS; ++c) mean[c] = listed[in_table(c, cells, cell)];
     limit_gradient(own, mean, BOUNDARIES, COMPONENTS);
     for (int n = 0; n < 3 * COMPONENTS; ++n) gradient[in_table(n, count, i)] = own[n];
 }
@@ -183,14 +162,13 @@ __kernel void cavity_source(__global real *listed, __global const real *solution
     real outside = R(0);
     for (int c = 0; c < COMPONENTS; ++c) {
         const size_t k = in_table(c, count, i);
-        const real own = c < BOUNDARIES ? solution[k] : c == BOUNDARIES ? R(1) - outside : R(0);
-        outside += own;
-        listed[k] = own;
+        listed[k] = c < BOUNDARIES ? solution[k] : c == BOUNDARIES ? R(1) - outside : R(0);
+        outside += listed[k];
     }
 }
 
-/* Mean radiance less 1 in that cavity, after a sweep. Less the `residual` that was removed from the
-   solution, scattered so many `times`; below 0: there is none. */
+/* Mean radiance less 1 in that cavity, after a sweep, less the `residual` that the solution has no more,
+   scattered so many `times`; below 0: none. */
 __kernel void cavity_defect(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *residual, __global const real *albedo, const real weight, const int times,
@@ -207,37 +185,26 @@ __kernel void cavity_defect(
     out[i] = total / weight + missing - (times > 0 ? albedo[i] * left : left);
 }
 
-/* Solution with the sum of all corrections, a vector whose components have `stride` numbers. */
+/* Solution with the sum of all corrections, a vector. `lit`: adds to the mean radiance what they add: these
+   less the `first` residual, without its preconditioner, over the albedo. */
 __kernel void correct(
-    __global real *out, __global const real *solution, __global const real *onto, const int stride,
-    const int count)
+    __global real *out, __global real *light, __global const real *solution, __global const real *onto,
+    __global const real *first, __global const real *albedo, __global const real *one_minus_lambda,
+    const int lit, const int stride, const int count)
 {
     const int i = get_global_id(0);
     const int c = get_global_id(1);
     if (i >= count) return;
-    out[in_table(c, count, i)] = solution[in_table(c, count, i)] + onto[in_table(c, stride, i)];
-}
-
-/* Adds to the mean radiance what the corrections add: these less the first `residual`, without its
-   preconditioner, over the albedo. */
-__kernel void correct_light(
-    __global real *light, __global const real *onto, __global const real *first,
-    __global const real *albedo, __global const real *one_minus_lambda, const int stride, const int count)
-{
-    const int i = get_global_id(0);
-    const int c = get_global_id(1);
-    if (i >= count) return;
-    const size_t k = in_table(c, stride, i);
-    const real scattered = onto[k] - first[k] * one_minus_lambda[i];
-    light[in_table(c, count, i)] += albedo[i] > R(0) ? scattered / albedo[i] : R(0);
+    const size_t to = in_table(c, count, i), k = in_table(c, stride, i);
+    if (lit && albedo[i] > R(0)) light[to] += (onto[k] - first[k] * one_minus_lambda[i]) / albedo[i];
+    out[to] = solution[to] + onto[k];
 }
 
 /* Vectors of a Krylov space (krylov.py): [vector][component][cell], with 0 in the last cells, up to
    `stride`, whole packets. Work-group s of SLICES sums a slice of each component; a reader adds the
    slices in order. So sums have the same bits in every run. `sums`: [block][component][slice]; blocks:
-   squares, largest numbers, squares of the source, and for each vector the products of either pass of
-   Gram-Schmidt (`again`: 0, 1). The products of a slice follow the numbers of that slice at once: each
-   work-item reads what it has written. */
+   squares, largest numbers, squares of the source, and for each vector the products of either pass (`again`:
+   0, 1). A work-item multiplies what it has itself written, in the same launch. */
 #define SLICES 32
 #define SQUARES 0
 #define PEAKS 1
@@ -294,8 +261,7 @@ INLINE void store_products(
     __global real *sums, __global const real *vectors, __global const real *image, int number, int again,
     int stride, __local real *shared)
 {
-    const int c = get_global_id(1);
-    for (int i = 0; i < number; ++i) {
+    for (int i = 0, c = get_global_id(1); i < number; ++i) {
         __global const real *vector = vectors + ((size_t)i * COMPONENTS + c) * stride;
         lane_t product = (lane_t)R(0);
         FOR_SLICE(n, stride) product += AT_OF(vector + n) * AT_OF(image + in_table(c, stride, n));
@@ -307,8 +273,8 @@ INLINE void store_products(
        (a D - (1 - a) S + shine E) / (1 - Lambda*)
    Lambda* is the diagonal approximate operator (Kunasz and Auer, JQSRT 39, 1988): the share of its own
    emission that a cell gets back at once. So the residual is about the error, in thin and thick cells
-   alike. Stores its products with `number` vectors, the first pass; without vectors its sum of squares,
-   its largest magnitude times `opacity`, and the source's sum of squares. */
+   alike. Stores its products with `number` vectors; without any its sum of squares, its largest magnitude
+   times `opacity`, and the source's sum of squares. */
 SLICED residual(
     __global real *out, __global real *sums, __global const real *vectors,
     __global const real *i_minus_s, __global const real *listed, __global const real *emission,

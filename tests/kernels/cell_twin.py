@@ -1,5 +1,5 @@
-"""NumPy twin, in double precision, of kernels/linear_coefficients.cl, limiter.h, and of image.cl's
-records."""
+"""NumPy twin, in double precision, of kernels/linear_coefficients.cl, of the limiter, and of
+image.cl's records."""
 
 from __future__ import annotations
 

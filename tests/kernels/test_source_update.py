@@ -113,10 +113,10 @@ def test_corrections_are_numpys(device: Device) -> None:
     space.onto, residual = (sweeper.listed(each) for each in padded)
     onto, before = padded[..., : sweeper.count]
     source, light = rng.random((2, *shape))
-    corrected = sweeper.read(sweeper.corrected(space, sweeper.listed(source)))
-    np.testing.assert_allclose(corrected, source + onto, rtol=0, atol=ROUNDINGS)
     lit = sweeper.listed(light)
-    sweeper.correct_light(space, lit, residual)
+    for given in ((), (lit, residual)):
+        corrected = sweeper.read(sweeper.corrected(space, sweeper.listed(source), *given))
+        np.testing.assert_allclose(corrected, source + onto, rtol=0, atol=ROUNDINGS)
     more = (onto - before * sweeper.one_minus_lambda) / sweeper.albedo
     # A difference of numbers up to 2, over the albedo.
     apart = np.abs(sweeper.read(lit) - light - more) * sweeper.albedo

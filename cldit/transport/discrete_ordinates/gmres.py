@@ -161,9 +161,7 @@ def defect_correction(
             if error > tolerance:
                 raise _stuck(error, iterations, tolerance)
             break
-    if light is not None:
-        sweeper.correct_light(space, light, residual)
-    corrected = sweeper.corrected(space, solution.source)
+    corrected = sweeper.corrected(space, solution.source, light, residual)
     return Solution(corrected, iterations, error, space.left)
 
 

@@ -96,15 +96,9 @@ class KrylovSpace:
         """
         if number == self._room:
             self._resize(2 * self._room)
-        self._run(
-            "residual",
-            out=out,
-            opacity=self._opacity,
-            number=number,
-            count=self._cells.count,
-            listed=self._cells.source,
-            **arguments,
-        )
+        cells = self._cells
+        arguments |= {"opacity": self._opacity, "listed": cells.source, "count": cells.count}
+        self._run("residual", out=out, number=number, **arguments)
 
     def measured(self) -> tuple[Floats, float, Floats]:
         """RMS (C,) of the residual, with `number` 0, its largest magnitude times the opacity, and
@@ -122,14 +116,9 @@ class KrylovSpace:
         It is the present source as well, and has its products with the vectors, see `residual`.
         Returns these (`number`, C), and the RMS (C,) of the rest.
         """
+        some = {"image": self.image, "number": number, "count": self._cells.count}
         for again in range(_PASSES):
-            self._run(
-                "orthogonalise",
-                image=self.image,
-                again=again,
-                number=number,
-                count=self._cells.count,
-            )
+            self._run("orthogonalise", again=again, **some)
         self._normalise(self.image, number)
         sums = self._read_sums(_FIRST + _PASSES * number)
         each = sums[_FIRST:].reshape(number, -1, *sums.shape[1:])

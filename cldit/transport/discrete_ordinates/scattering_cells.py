@@ -23,11 +23,6 @@ Orders = tuple[bool, ...]
 BOTH: Orders = (False, True)
 
 
-def _bits(orders: Orders) -> int:
-    """Orders as the kernels take them."""
-    return sum(1 << turned for turned in orders)
-
-
 @dataclass(frozen=True)
 class ScatteringCells:
     """List of N scattering cells with C components.
@@ -66,44 +61,30 @@ class ScatteringCells:
             group = min(_GROUP, self.kernels.largest_group(kernel))
             self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
-    def put(
-        self, listed: Any, boxes: Boxes, places: Boxes, orders: Orders, *, planes: int, count: int
-    ) -> None:
+    def put(self, listed: Any, boxes: Boxes, places: Boxes, orders: Orders, **size: int) -> None:
         """Puts a list (planes, count) into the boxes of these orders of packets.
 
-        `places` are the listed cells' places in either box.
+        `places` are the listed cells' places in either box; `size` has `planes` and `count`.
         """
-        self.run(
-            "set_source",
-            {"count": count},
-            source=boxes[False],
-            source_turned=boxes[True],
-            listed=listed,
-            place=places[False],
-            turned=places[True],
-            orders=_bits(orders),
-            planes=planes,
-        )
+        named = {"source": boxes[False], "source_turned": boxes[True], "listed": listed}
+        self._move("set_source", named, places, orders, **size)
 
-    def collect(
-        self, out: Any, boxes: Boxes, places: Boxes, orders: Orders, *, planes: int, count: int
-    ) -> None:
-        """Collects planes of the boxes of these orders into a list (planes, count).
+    def collect(self, out: Any, boxes: Boxes, places: Boxes, orders: Orders, **size: int) -> None:
+        """Collects planes of the boxes of these orders into a list, with arguments as of `put`.
 
         The turned order alone adds to the list, which has the other order's.
         """
-        self.run(
-            "collect_i_minus_s",
-            {"count": count},
-            high=planes,
-            out=out,
-            box=boxes[False],
-            box_turned=boxes[True],
-            place=places[False],
-            turned=places[True],
-            orders=_bits(orders),
-            planes=planes,
-        )
+        named = {"out": out, "box": boxes[False], "box_turned": boxes[True]}
+        self._move("collect_i_minus_s", named, places, orders, high=size["planes"], **size)
+
+    def _move(
+        self, kernel: str, buffers: dict[str, Any], places: Boxes, orders: Orders, *,
+        planes: int, count: int, high: int = 1,
+    ) -> None:  # fmt: skip
+        bits = sum(1 << turned for turned in orders)
+        at = {"place": places[False], "turned": places[True]}
+        arguments = {**buffers, **at, "orders": bits, "planes": planes}
+        self.run(kernel, {"count": count}, high=high, **arguments)
 
     @property
     def stride(self) -> int:

@@ -332,17 +332,8 @@ class Sweeper:
         )
         weight = rays.directions.weight
         of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
-        self._cells.run(
-            "radiance_moments",
-            {"count": self.count},
-            high=self.components,
-            out=out,
-            i_minus_s=listed,
-            listed=self.source,
-            offsets=self.listed(of_isotropic),
-            weight=float(weight.sum()),
-            moments=many // self.components,
-        )
+        offsets = None if many == self.components else of_isotropic
+        self._radiance(out, listed, offsets, weight=float(weight.sum()))
         if gradient is not None:
             self._cells.run(
                 "radiance_gradient",
@@ -353,6 +344,36 @@ class Sweeper:
                 since=int(since is not None),
             )
         return gradient
+
+    def _radiance(self, out: Any, listed: Any, offsets: Reals | None, *, weight: float) -> None:
+        """Moments of the radiance from those of I - S; `offsets` (8,) of radiance 1, or None."""
+        self._cells.run(
+            "radiance_moments",
+            {"count": self.count},
+            high=self.components,
+            out=out,
+            i_minus_s=listed,
+            listed=self.source,
+            offsets=self.listed(np.zeros(1) if offsets is None else offsets),
+            weight=weight,
+            moments=1 if offsets is None else MOMENTS,
+        )
+
+    def _scatter(self, out: Any, light: Any, ratios: Reals | None) -> None:
+        """Source of radiance that scatters, see `scatter`."""
+        table = np.zeros((1, 1)) if ratios is None else ratios
+        self._cells.run(
+            "scattered_source",
+            {"count": self.count},
+            high=self.components,
+            listed=out,
+            light=light,
+            emission=self._emission,
+            albedo=self._albedo,
+            ratios=self.listed(table),
+            alike=int(table.shape[1] == 1),
+            moments=1 if ratios is None else MOMENTS,
+        )
 
     def scatter(self, light: Any, gradient: Any, ratios: Reals | None) -> Any:
         """Makes the radiance, scattered once more, the source of the sweeps that follow.
@@ -366,20 +387,7 @@ class Sweeper:
         Returns:
             Limited gradient (3, C, K) of the source on the device, or None.
         """
-        moments = 1 if ratios is None else MOMENTS
-        table = np.zeros((1, 1)) if ratios is None else ratios
-        self._cells.run(
-            "scattered_source",
-            {"count": self.count},
-            high=self.components,
-            listed=self.source,
-            light=light,
-            emission=self._emission,
-            albedo=self._albedo,
-            ratios=self.listed(table),
-            alike=int(table.shape[1] == 1),
-            moments=moments,
-        )
+        self._scatter(self.source, light, ratios)
         limited = None if gradient is None else self.limited_gradient(gradient, self.source)
         self.set_source(None, shining=True, gradient=limited)
         return limited
@@ -426,54 +434,33 @@ class Sweeper:
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else None
         parts = {"planes": planes, "count": self.count}
         some = {"planes": 3 * self.components, "count": len(self.linear_cells)}
+        linear = "LINEAR_SOURCE" in program.defines
         for orders in (BOTH,) if self._apart else ((False,), (True,)):
             self._fill(orders, cavity=cavity)
-            for turned in orders:
-                self._sweep_order(
-                    program, rays, shining, turned, i_minus_s, planes, spatial, camera,
-                    interfaces=interfaces, more=more,
-                )  # fmt: skip
+            for order in (self._order[turned] for turned in orders):
+                box, turned = i_minus_s[order.turned], order.turned
+                clear(self.device, box, planes * order.packets.cells, self.sum_type)
+                own = {"i_minus_s": box, **({"gradient": order.gradient} if linear else {})}
+                if spatial is not None:
+                    own["spatial_moments"] = spatial[0][turned]
+                    clear(self.device, spatial[0][turned], 3 * order.linear_size, self.sum_type)
+                if camera is not None:
+                    clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
+                for schedule, tables, basis in rays.sweep_schedules:
+                    if schedule.layout.turned is not turned:
+                        continue
+                    arguments = {**own, **tables, **(more or {})}
+                    arguments |= {} if spatial is None else basis
+                    if camera is not None:
+                        arguments |= camera.arguments(schedule.layout)
+                    if interfaces is not None:
+                        arguments |= interfaces.arguments(schedule.layout)
+                    self._launch(program, schedule, shining, arguments)
             self._cells.collect(listed, i_minus_s, self._places, orders, **parts)
             if spatial is not None:
                 self._cells.collect(spatial[1], spatial[0], self._linear_places, orders, **some)
         self.sweeps += len(rays.directions)
         return None if spatial is None else spatial[1]
-
-    def _sweep_order(
-        self,
-        program: Program,
-        rays: DeviceOrdinates,
-        shining: bool,
-        turned: bool,
-        i_minus_s: Boxes,
-        planes: int,
-        spatial: tuple[Boxes, Any] | None,
-        camera: CameraSweep | None,
-        *,
-        interfaces: InterfaceRadiance | None,
-        more: Mapping[str, Any] | None,
-    ) -> None:
-        """Sweeps the ordinates of one order of packets, see `_sweep_all`."""
-        order = self._order[turned]
-        clear(self.device, i_minus_s[turned], planes * order.packets.cells, self.sum_type)
-        linear: dict[str, Any] = {}
-        if "LINEAR_SOURCE" in program.defines:
-            linear["gradient"] = order.gradient
-        if spatial is not None:
-            clear(self.device, spatial[0][turned], 3 * order.linear_size, self.sum_type)
-            linear["spatial_moments"] = spatial[0][turned]
-        if camera is not None:
-            clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
-        for schedule, tables, basis in rays.sweep_schedules:
-            if schedule.layout.turned is not turned:
-                continue
-            arguments = {"i_minus_s": i_minus_s[turned], **tables, **linear, **(more or {})}
-            arguments |= {} if spatial is None else basis
-            if camera is not None:
-                arguments |= camera.arguments(schedule.layout)
-            if interfaces is not None:
-                arguments |= interfaces.arguments(schedule.layout)
-            self._launch(program, schedule, shining, arguments)
 
     def _spatial_room(self) -> tuple[Boxes, Any]:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
@@ -616,47 +603,33 @@ class Sweeper:
             shine=float(shining),
         )
 
-    def corrected(self, space: KrylovSpace, solution: Any) -> Any:
-        """List (C, N) of a solution with the corrections of `space`."""
+    def corrected(
+        self, space: KrylovSpace, solution: Any, light: Any = None, residual: Any = None
+    ) -> Any:
+        """List (C, N) of a solution with the corrections of `space`.
+
+        The mean radiance of the list `light` gets what these add; `residual` is the vector before.
+        """
         out = self.unset_light(1)
         self._cells.run(
             "correct",
             {"count": self.count},
             high=self.components,
             out=out,
+            light=out if light is None else light,
             solution=solution,
             onto=space.onto,
+            first=space.onto if light is None else residual,
+            albedo=self._albedo,
+            one_minus_lambda=self._one_minus_lambda,
+            lit=int(light is not None),
             stride=space.stride,
         )
         return out
 
-    def correct_light(self, space: KrylovSpace, light: Any, residual: Any) -> None:
-        """Adds to the mean radiance (C, N) of a list what the corrections of `space` add.
-
-        `residual` is the vector before them.
-        """
-        self._cells.run(
-            "correct_light",
-            {"count": self.count},
-            high=self.components,
-            light=light,
-            onto=space.onto,
-            first=residual,
-            albedo=self._albedo,
-            one_minus_lambda=self._one_minus_lambda,
-            stride=space.stride,
-        )
-
     def next_order(self) -> Any:
         """List of the source a (S + D) + E, (C, N), after one more scattering."""
         out = self.unset_light(1)
-        self._cells.run(
-            "next_order",
-            {"count": self.count},
-            out=out,
-            i_minus_s=self._listed,
-            listed=self.source,
-            emission=self._emission,
-            albedo=self._albedo,
-        )
+        self._radiance(out, self._listed, None, weight=1.0)
+        self._scatter(out, out, None)
         return out
