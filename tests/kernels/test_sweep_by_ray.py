@@ -106,9 +106,10 @@ def swept(
         mean, more = sweeper.view_weighted_mean(camera, rays, light, blurred)
     else:
         many = MOMENTS if "ANGULAR_MOMENTS" in variant else 1
-        mean = np.empty((many, sweeper.components, sweeper.count), sweeper.real)
-        room = sweeper.room(many)
-        more = sweeper.moments(program, rays, out=mean, room=room, interfaces=light)
+        out, room = sweeper.unset_light(many), sweeper.room(many)
+        found = sweeper.moments(program, rays, out=out, room=room, interfaces=light)
+        mean = sweeper.read(out, many)
+        more = None if found is None else sweeper.read_gradient(found)
     results["mean"] = mean
     if more is not None:
         results["gradient"] = more

@@ -87,7 +87,7 @@ def test_shares_of_the_boundary(device: Device, rays: int) -> None:
     run = vessel(device, rays)
     cells = OpticalCells.of(build_octree(CUBE, None, [], optical_depth_split=1.0))
     view = View.of(run.scene, cells, device)
-    shares = view.boundary_shares(np.arange(PIXELS**2), int(rays**0.5))
+    shares = view.boundary_shares(np.arange(PIXELS**2), np.full(PIXELS**2, int(rays**0.5)))
     np.testing.assert_allclose(shares.sum(axis=0), 1.0)
     for share, seen in zip(shares, (run.weights.background, run.weights.wall), strict=True):
         assert np.count_nonzero(np.abs(share - seen.ravel()) > 1e-6) <= 2

@@ -114,8 +114,8 @@ FAULTS = {
         "sweep.cl sweep: i_minus_s is off by",
     ),
     "a list's sources are 3 % low": Fault(
-        f"float32 {THROUGH}", "+ SUM_OF(box[first_plane",
-        "+ R(0.97) * SUM_OF(box[first_plane", "source_update.cl collect_i_minus_s: out",
+        f"float32 {THROUGH}", "? SUM_OF(box[first_plane",
+        "? R(0.97) * SUM_OF(box[first_plane", "source_update.cl collect_i_minus_s: out",
     ),
     "patches are not seen": Fault(
         f"float32 {THROUGH}", "if (!(against > R(0))) continue;", "continue;", "sweep.cl sweep"
