@@ -8,7 +8,7 @@ from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.names import formula, fuel_of, is_liquid, molar_mass_kg_mol, species_in
-from cldit.constants import ZERO_CELSIUS_K, ATMOSPHERE_Pa
+from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 
@@ -113,7 +113,7 @@ def gas_remarks(
             "temperature: {column: T, unit: degC}"
         )
     span = f"{pressure.min():.4g} to {pressure.max():.4g} Pa"
-    gauge = float(np.median(np.abs(kelvin - np.log1p(ATMOSPHERE_Pa / pressure[positive]))))
+    gauge = float(np.median(np.abs(kelvin - np.log1p(STANDARD_ATMOSPHERE_Pa / pressure[positive]))))
     hint = ": p seems to be a gauge pressure" if gauge < _FITS else ""
     return (
         f"The density is {1 + off:.3g} times that of an ideal gas of air and fuel at T and p "

@@ -37,9 +37,7 @@ _SMOOTH = 0.015  # ... from this k / n on
 _FINER = (2, 8)  # samples a step where means are taken, from k = ...
 _SHARP = 0.0005  # ... on, and below, where resonances are narrower still
 _MOST_SAMPLES = 6e5  # 2 span n / k of a mean at n = 1.4 and k = 1e-7, see `resolved`
-_SECOND_PROGRAM = (
-    1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
-)
+_SECOND_PROGRAM = 1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
 _FORM = 4  # version of kept tables
 _AT_ONCE = 50_000  # diameters, whose steps stay in the cache
 

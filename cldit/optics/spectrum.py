@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
-from cldit.constants import ATMOSPHERE_Pa
+from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.optics.liquid import Liquid, liquid
 from cldit.optics.liquid_table import read_liquid_table
 from cldit.optics.response import Filter, edges_um
@@ -91,7 +91,9 @@ class Spectrum:
         if band is not None and spray.vapour is not None:
             present_K = spray.vapour.temperature_K[spray.vapour.number_density_m3 > 0]
             vapour_K = _knots(present_K, _VAPOUR_KNOTS)
-            pressure = getattr(getattr(scene.spray, "ambient", None), "pressure_Pa", ATMOSPHERE_Pa)
+            pressure = getattr(
+                getattr(scene.spray, "ambient", None), "pressure_Pa", STANDARD_ATMOSPHERE_Pa
+            )
             interval, part, vapour = _vapour(band, edges, vapour_K, pressure)
         liquid_K = np.zeros(0)
         n = k = np.zeros((0, len(part)))

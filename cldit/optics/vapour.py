@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.arrays import Floats
-from cldit.constants import ATMOSPHERE_Pa
+from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.errors import OpticsError
 from cldit.io.plain_data import parse_yaml
 
@@ -72,7 +72,7 @@ class Elsasser:
     ) -> float:
         """y, the half width over the spacing of the lines, in a gas with this mole fraction."""
         warm = temperature_K / 273.0
-        pressure = pressure_Pa / ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
+        pressure = pressure_Pa / STANDARD_ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
         return float(self.at_atm * pressure * np.exp(self.growth * (warm - 1)) / np.sqrt(warm))
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from cldit.constants import ZERO_CELSIUS_K, ATMOSPHERE_Pa
+from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.io.plain_data import read_mapping
 from cldit.scene.checks import Section, describe
@@ -22,7 +22,7 @@ _PLAIN = {
         "kPa": 1e3,
         "MPa": 1e6,
         "bar": 1e5,
-        "atm": ATMOSPHERE_Pa,
+        "atm": STANDARD_ATMOSPHERE_Pa,
         "Pa absolute": 1,
     },
     "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.constants import ATMOSPHERE_Pa
+from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.spray.droplet.curves import integral
 
@@ -159,7 +159,7 @@ def _finished(
 ) -> Columns:
     """Adds the enthalpies, with one zero."""
     heat = integral(liquid_K, liquid["cp"])
-    boiling = float(np.interp(np.log(ATMOSPHERE_Pa), liquid["ln_psat"], liquid_K))
+    boiling = float(np.interp(np.log(STANDARD_ATMOSPHERE_Pa), liquid["ln_psat"], liquid_K))
     liquid["enthalpy"] = heat - np.interp(boiling, liquid_K, heat)
     rise = integral(vapour_K, vapour["cp"])
     start = np.interp(boiling, liquid_K, liquid["latent"])
