@@ -77,7 +77,7 @@ def evaluate(
         title=opened.name if isinstance(opened, Measured) else place.resolve().name,
         pixel_m=opened.pixel_m,
         centre_m=opened.centre_m,
-        more=more,
+        extra_variables=more,
         attrs={"evaluation": _without_inputs(found).to_json(), "remarks": "\n".join(found.lines)},
     )
 

@@ -80,15 +80,15 @@ class Ensemble:
 
     def text(self, run: Run) -> str:
         """The figures on one line."""
-        each = (f"{_FIGURES[name]} {kelvin:.2g} K" for name, kelvin in self.figures(run).items())
-        return f"T_app, RMS: {', '.join(each)}"
+        figures = (f"{_FIGURES[name]} {kelvin:.2g} K" for name, kelvin in self.figures(run).items())
+        return f"T_app, RMS: {', '.join(figures)}"
 
     def figures(self, run: Run) -> dict[str, float]:
         """RMS over pixels where all members and `run` have a T_app: deviation of one injection,
         standard error of the mean light, mean of T_app less T_app of the mean light, and this less
         the nominal one's."""
         light = run.maps.apparent_temperature_K
-        found = {
+        images = {
             "deviation_K": self["apparent_temperature_deviation_K"],
             "standard_error_K": self["apparent_temperature_standard_error_K"],
             "mean_less_mean_light_K": self["apparent_temperature_mean_K"] - light,
@@ -96,9 +96,9 @@ class Ensemble:
         }
         seen = run.maps.has_temperature & (self["injections"] == self.members)
         return {
-            name: float(np.sqrt(np.mean(image[here].astype(float) ** 2)))
-            for name, image in found.items()
-            if (here := seen & np.isfinite(image)).any()
+            name: float(np.sqrt(np.mean(image[valid].astype(float) ** 2)))
+            for name, image in images.items()
+            if (valid := seen & np.isfinite(image)).any()
         }
 
 
@@ -121,19 +121,19 @@ class _Sums:
         """Adds one member."""
         emissivity = np.nan_to_num(maps.emissivity.astype(float))
         known_K = maps.apparent_temperature_K.astype(float)
-        here = has_temperature(maps.emissivity, known_K)
-        kelvin: Floats = np.where(here, known_K, 0.0)
-        own = np.where(np.isfinite(known_K), emissivity, 0.0)
-        own[own != 0.0] *= self.curve.radiance(known_K[own != 0.0])
+        valid = has_temperature(maps.emissivity, known_K)
+        kelvin: Floats = np.where(valid, known_K, 0.0)
+        radiance = np.where(np.isfinite(known_K), emissivity, 0.0)
+        radiance[radiance != 0.0] *= self.curve.radiance(known_K[radiance != 0.0])
         images = {
-            "count": here.astype(float),
+            "count": valid.astype(float),
             "K": kelvin,
             "K2": kelvin**2,
             "e": emissivity,
-            "E": own,
+            "E": radiance,
             "ee": emissivity**2,
-            "eE": emissivity * own,
-            "EE": own**2,
+            "eE": emissivity * radiance,
+            "EE": radiance**2,
         }
         for name, image in images.items():
             self.sums[name] = self.sums.get(name, 0.0) + image
@@ -146,20 +146,22 @@ class _Sums:
             mean_K = sums["K"] / np.where(count > 0, count, np.nan)
             square = (sums["K2"] - count * mean_K**2) / np.where(count > 1, count - 1, np.nan)
 
-            def covariance(one: str, other: str, both: str) -> Floats:
-                return np.asarray((sums[both] - sums[one] * sums[other] / n) / max(n - 1, 1.0))
+            def covariance(x: str, y: str, product: str) -> Floats:
+                return np.asarray((sums[product] - sums[x] * sums[y] / n) / max(n - 1, 1.0))
 
             ee = covariance("e", "e", "ee")
             # T_app of the mean light is that of E / e: d T = (dE - B(T) de) / (e dB/dT).
-            here = maps.has_temperature
-            light_K = maps.apparent_temperature_K[here].astype(float)
+            valid = maps.has_temperature
+            light_K = maps.apparent_temperature_K[valid].astype(float)
             black, slope = self.curve.radiance(light_K), self.curve.slope(light_K)
-            own = covariance("E", "E", "EE")[here]
-            own += black**2 * ee[here] - 2.0 * black * covariance("e", "E", "eE")[here]
+            variance = covariance("E", "E", "EE")[valid]
+            variance += black**2 * ee[valid] - 2.0 * black * covariance("e", "E", "eE")[valid]
             error_K = np.full(count.shape, np.nan)
-            error_K[here] = np.sqrt(np.maximum(own, 0.0) / n) / (slope * maps.emissivity[here])
-            error_K[count < 2.0] = np.nan  # one member alone says nothing of the others
-            found: dict[str, NDArray[np.floating]] = {
+            error_K[valid] = np.sqrt(np.maximum(variance, 0.0) / n) / (
+                slope * maps.emissivity[valid]
+            )
+            error_K[count < 2.0] = np.nan  # one member has no deviation
+            images: dict[str, NDArray[np.floating]] = {
                 "apparent_temperature_nominal_K": of_nominal.apparent_temperature_K,
                 "apparent_temperature_mean_K": mean_K,
                 "apparent_temperature_deviation_K": np.sqrt(np.maximum(square, 0.0)),
@@ -172,7 +174,10 @@ class _Sums:
         seen = np.isfinite(maps.emissivity)
         return Ensemble(
             members,
-            {name: np.where(seen, one, np.nan).astype(np.float32) for name, one in found.items()},
+            {
+                name: np.where(seen, image, np.nan).astype(np.float32)
+                for name, image in images.items()
+            },
         )
 
 
@@ -186,30 +191,32 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
     """
     if folder is not None:
         begin(scene, folder)
-    first = trace(nominal(scene), folder and folder / NOMINAL, like)
+    nominal_run = trace(nominal(scene), folder and folder / NOMINAL, like)
     members = members_of(scene)
-    sums = _Sums(Curve(filter_um=first.quadrature.filter_um))
+    sums = _Sums(Curve(filter_um=nominal_run.quadrature.filter_um))
 
-    def each() -> Iterator[Run]:
+    def member_runs() -> Iterator[Run]:
         for number in range(1, members + 1):
-            run = trace(member(scene, number), folder and member_folder(folder, number), first)
+            run = trace(
+                member(scene, number), folder and member_folder(folder, number), nominal_run
+            )
             sums.add(run.maps)
             yield run
 
-    light = MeanLight.of(scene, each(), first, what="injections")
+    light = MeanLight.of(scene, member_runs(), nominal_run, label="injections")
     remark = f"mean of {members} injections; figures of the spray are those of the nominal one"
-    run = light.run(scene, first, folder, remark)
-    statistics = sums.statistics(run.maps, first.maps, members)
+    run = light.run(scene, nominal_run, folder, remark)
+    statistics = sums.statistics(run.maps, nominal_run.maps, members)
     return replace(
         run,
-        info=replace(run.info, errors=_errors(first.errors, statistics, run.maps)),
+        info=replace(run.info, errors=_errors(nominal_run.errors, statistics, run.maps)),
         error_maps=_error_maps(
-            first.error_maps,
+            nominal_run.error_maps,
             statistics["apparent_temperature_standard_error_K"],
             run.maps.has_temperature,
         ),
         emissivity_error_maps=_error_maps(
-            first.emissivity_error_maps,
+            nominal_run.emissivity_error_maps,
             statistics["emissivity_standard_error"],
             np.isfinite(run.maps.emissivity),
         ),
@@ -218,7 +225,7 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
 
 
 def begin(scene: Scene, folder: Path) -> None:
-    """Writes the scene into the folder of an ensemble, first of all: it says what the folder is."""
+    """Writes the scene into the folder of an ensemble first: it identifies the folder."""
     make_folder(folder)
     write_text(folder / "scene.yaml", dump_scene(scene))
 
@@ -234,11 +241,11 @@ def _errors(errors: Errors | None, statistics: Ensemble, maps: Maps) -> Errors |
         return errors
     rms = []
     for name in ("apparent_temperature_standard_error_K", "emissivity_standard_error"):
-        here = maps.has_temperature & np.isfinite(statistics[name])
-        square = statistics[name][here].astype(float) ** 2
-        rms.append(float(np.sqrt(np.mean(square))) if here.any() else None)
-    how = f"standard error of the mean of {statistics.members} injections"
-    cause = Cause(INJECTIONS, rms[0], how, "spray.scatter.members", emissivity=rms[1])
+        valid = maps.has_temperature & np.isfinite(statistics[name])
+        square = statistics[name][valid].astype(float) ** 2
+        rms.append(float(np.sqrt(np.mean(square))) if valid.any() else None)
+    method = f"standard error of the mean of {statistics.members} injections"
+    cause = Cause(INJECTIONS, rms[0], method, "spray.scatter.members", emissivity=rms[1])
     return replace(errors, causes=(*errors.causes, cause))
 
 

@@ -71,18 +71,18 @@ def store_run(run: Run, folder: Path) -> Path:
     return folder
 
 
-def free_folder(first: Path, scene: Scene, kept_scene: str = SCENE_FILE) -> Path:
-    """The first of `first`, `first-2`, .. that is empty or has results of the same scene.
+def free_folder(preferred: Path, scene: Scene, kept_scene: str = SCENE_FILE) -> Path:
+    """The first of `preferred`, `preferred-2`, .. that is empty or has results of the same scene.
 
     kept_scene: name of the file in which such a folder keeps its scene.
     """
     for number in itertools.count(1):
-        folder = first if number == 1 else first.with_name(f"{first.name}-{number}")
-        known = folder / kept_scene
+        folder = preferred if number == 1 else preferred.with_name(f"{preferred.name}-{number}")
+        scene_path = folder / kept_scene
         if is_empty(folder):
             return folder
         with suppress(RunFolderError, FileError):
-            if known.is_file() and stored_scene(known) == scene:
+            if scene_path.is_file() and stored_scene(scene_path) == scene:
                 return folder
     raise AssertionError
 
@@ -91,13 +91,13 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     """The finished run of the same scene in `folder`, if there is one."""
     if is_empty(folder):
         return None
-    known = folder / SCENE_FILE
-    if not known.is_file():
+    scene_path = folder / SCENE_FILE
+    if not scene_path.is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no run; {ANOTHER_FOLDER}")
-    before = stored_scene(known)
-    if before != scene:
+    stored = stored_scene(scene_path)
+    if stored != scene:
         raise RunFolderError(
-            f"{folder}: holds a run of another scene ({before.name}, or other settings); "
+            f"{folder}: holds a run of another scene ({stored.name}, or other settings); "
             f"{ANOTHER_FOLDER}"
         )
     if not (folder / "run.json").is_file():
@@ -161,7 +161,7 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
 
 def _traced(folder: Path) -> Run:
     """The run without its acquisition; raises as `open_run`."""
-    times = sorted((each.parent for each in folder.glob("*/run.json")), key=natural_order)
+    times = sorted((path.parent for path in folder.glob("*/run.json")), key=natural_order)
     if times and not (folder / "run.json").is_file():
         raise RunFolderError(
             f"{folder}: has the runs of a series; allowed: one of {', '.join(map(str, times))}"
@@ -180,9 +180,9 @@ def _traced(folder: Path) -> Run:
     patches = [patch.name for patch in scene.patches]
     columns, rows = scene.camera.pixels
     folders = (folder / "weights", *nodes, folder / "weights_reference")
-    weights, *spectral, reference = (Weights.load(each, patches=patches) for each in folders)
-    for place, one in zip(folders, (weights, *spectral, reference), strict=True):
-        _check_shapes(place, one.images, (rows, columns))
+    weights, *spectral, reference = (Weights.load(place, patches=patches) for place in folders)
+    for place, loaded in zip(folders, (weights, *spectral, reference), strict=True):
+        _check_shapes(place, loaded.images, (rows, columns))
     maps = Maps.load(folder / "maps")
     _check_shapes(folder / "maps", vars(maps), (rows, columns))
     members = members_of(scene)
@@ -208,8 +208,8 @@ def stored_scene(path: Path) -> Scene:
     try:
         return parse_scene(read_mapping(path), source=str(path), finished=True)
     except SceneError as error:
-        what = str(error).removeprefix(f"{path}:").strip()
-        raise RunFolderError(f"{path}: is damaged ({what})") from error
+        message = str(error).removeprefix(f"{path}:").strip()
+        raise RunFolderError(f"{path}: is damaged ({message})") from error
 
 
 def _stored_info(path: Path) -> RunInfo:
@@ -219,8 +219,8 @@ def _stored_info(path: Path) -> RunInfo:
     data, verified = read_sealed(path)
     try:
         info = RunInfo.from_dict(data)
-        more = () if verified or UNVERIFIED in info.remarks else (UNVERIFIED,)
-        return replace(info, remarks=(*info.remarks, *more))
+        new_remarks = () if verified or UNVERIFIED in info.remarks else (UNVERIFIED,)
+        return replace(info, remarks=(*info.remarks, *new_remarks))
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise RunFolderError(f"{path}: is damaged ({error})") from error
 
@@ -255,8 +255,8 @@ def save_nodes(
         return
     for number, weights in enumerate(spectral):
         weights.save(folder / f"node_{number:02d}", pixel_m=pixel_m)
-    text = json.dumps(quadrature.to_dict())
-    write_text(folder / _QUADRATURE, text)
+    description = json.dumps(quadrature.to_dict())
+    write_text(folder / _QUADRATURE, description)
 
 
 def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path, ...]]:
@@ -285,9 +285,9 @@ def save_maps(
         of, unit = "emissivity", "1"
     for name, image in maps.items():
         make_folder(folder)
-        what = f"standard error of the {of}{'' if name == TOTAL else f' by {name}'}"
+        description = f"standard error of the {of}{'' if name == TOTAL else f' by {name}'}"
         path = folder / f"{name.replace(' ', '_')}.tif"
-        write_image(path, image, name=what, unit=unit, pixel_m=pixel_m)
+        write_image(path, image, name=description, unit=unit, pixel_m=pixel_m)
 
 
 def load_maps(folder: Path) -> dict[str, NDArray[np.float32]]:

@@ -71,13 +71,13 @@ class RunInfo:
     def from_dict(cls, data: dict[str, Any]) -> "RunInfo":
         """Reads the plain `data` of `to_dict`; raises ValueError for other types and keys."""
         # 0.1.0 wrote differences of times, some of which are below 0
-        stages = [{**one, "seconds": max(one["seconds"], 0.0)} for one in data["stages"]]
+        stages = [{**stage, "seconds": max(stage["seconds"], 0.0)} for stage in data["stages"]]
         try:
             return _reader().validate_json(json.dumps({**data, "stages": stages}), strict=True)
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"]))
-            raise ValueError(f"{where}: {first['msg']}") from error
+            fault = error.errors()[0]
+            where = ".".join(map(str, fault["loc"]))
+            raise ValueError(f"{where}: {fault['msg']}") from error
 
 
 @cache
@@ -133,12 +133,12 @@ class Run(Presented):
             EvaluationError: the line does not begin in the image.
         """
         x, _, z = self.scene.target_m
-        given = {
+        defaults = {
             "pixel_m": self.pixel_m,
             "centre_m": (x, z),
             "temperature_error_K": self.error_maps.get(TOTAL),
         }
-        return profile_of(self.maps, **{**given, **options})
+        return profile_of(self.maps, **{**defaults, **options})
 
     def save(self, folder: str | Path) -> Path:
         """Writes the run into a folder, with its acquisition if it has one.
@@ -189,7 +189,7 @@ class Run(Presented):
                 weights=self.weights,
                 error_maps=self.error_maps,
                 emissivity_error_maps=self.emissivity_error_maps,
-                more={} if self.ensemble is None else self.ensemble.labelled,
+                extra_variables={} if self.ensemble is None else self.ensemble.labelled,
                 attrs=attrs,
             )
         if self.measured is None:

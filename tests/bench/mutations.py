@@ -206,9 +206,9 @@ MUTATIONS = (
         "unit/accuracy/test_error_maps.py", "unit/accuracy"),
     # run: a cache that mixes runs, labels in the wrong place
     row("cldit/run/labelled.py", "(width - 1) / 2) * across", "width / 2) * across", "unit/run"),
-    row("cldit/run/octree_export.py", "known = (absorption > 0) & (emission > 0)",
-        "known = absorption >= 0", "unit/run"),
-    row("cldit/run/folder.py", "if before != scene:", "if False:", "unit/run"),
+    row("cldit/run/octree_export.py", "emitting = (absorption > 0) & (emission > 0)",
+        "emitting = absorption >= 0", "unit/run"),
+    row("cldit/run/folder.py", "if stored != scene:", "if False:", "unit/run"),
     # dit: errors that are not told, pictures that are
     row("cldit/dit/fit.py", "squares += 2.0 * self.between * ref * inj",
         "squares -= 2.0 * self.between * ref * inj", "unit/dit"),
