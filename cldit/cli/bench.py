@@ -87,6 +87,6 @@ def bench(
     OUT.print(part.title, style="bold")
     for table in part.tables:
         print_table(*table.head, rows=table.rows)
-    for text in part.text:
-        OUT.print(escaped(text), style="dim")
+    for paragraph in part.text:
+        OUT.print(escaped(paragraph), style="dim")
     save(part)

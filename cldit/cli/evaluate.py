@@ -79,7 +79,7 @@ def evaluate(
         return Outcome({"measured": write_measured})
     target = acquisition_in(folder)
     with ProgressBar() as bar:
-        found = evaluate_delays(
+        evaluations = evaluate_delays(
             target,
             curve=calibration,
             frame=frame,
@@ -88,38 +88,40 @@ def evaluate(
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
     modelled = None if model is None else open_run(model)
-    if modelled is not None and not any(_shows(modelled, one, found) for one in found):
+    if modelled is not None and not any(
+        _shows(modelled, delay, evaluations) for delay in evaluations
+    ):
         raise EvaluationError(f"--model: {model}: its spray has none of the plan's delays")
-    for one in found:
-        if len(found) > 1 and one.delay_s is not None:
-            OUT.print(f"{delay_text(one.delay_s)}:")
-        if one.evaluation is not None:
-            _print(one.evaluation)
-            if modelled is not None and _shows(modelled, one, found):
-                _scattering(target, modelled, one.evaluation, one.folder)
-            _print_result(one.evaluation.maps)
-        print_files(one.folder)
-    if len(found) > 1:
-        for row in delay_rows(found):
+    for delay in evaluations:
+        if len(evaluations) > 1 and delay.delay_s is not None:
+            OUT.print(f"{delay_text(delay.delay_s)}:")
+        if delay.evaluation is not None:
+            _print(delay.evaluation)
+            if modelled is not None and _shows(modelled, delay, evaluations):
+                _scattering(target, modelled, delay.evaluation, delay.folder)
+            _print_result(delay.evaluation.maps)
+        print_files(delay.folder)
+    if len(evaluations) > 1:
+        for row in delay_rows(evaluations):
             OUT.print(row.text)
         print_files(target / "maps" / "delays.csv")
     print_files(*write_pages(target))
     if suffix is not None:
         print_files(show_folder(target, suffix=suffix))
     print_next("cldit", "view", folder)
-    if problems := delay_problems(found):
+    if problems := delay_problems(evaluations):
         print_problem(problems)
     return Outcome(
-        {"delays": [_data(one) for one in found]}, Exit.FAILED if problems else Exit.DONE
+        {"delays": [_data(delay) for delay in evaluations]}, Exit.FAILED if problems else Exit.DONE
     )
 
 
-def _data(one: DelayEvaluation) -> dict[str, Any]:
+def _data(delay: DelayEvaluation) -> dict[str, Any]:
     return {
-        "delay_s": one.delay_s,
-        "folder": one.folder,
-        "problem": one.problem,
-        "evaluation": None if one.evaluation is None else one.evaluation.to_dict(),
+        "delay_s": delay.delay_s,
+        "folder": delay.folder,
+        "problem": delay.problem,
+        "evaluation": None if delay.evaluation is None else delay.evaluation.to_dict(),
     }
 
 
@@ -137,16 +139,16 @@ def _print_result(maps: Maps) -> None:
         OUT.print(f"standard error of T_app: {np.nanmedian(error_K):.2g} K (median)", style="bold")
 
 
-def _shows(model: Run, one: DelayEvaluation, found: tuple[DelayEvaluation, ...]) -> bool:
+def _shows(model: Run, delay: DelayEvaluation, evaluations: tuple[DelayEvaluation, ...]) -> bool:
     """True if the model has this delay; a single delay is not checked."""
-    return len(found) == 1 or same_time(spray_time_s(model.scene), one.delay_s)
+    return len(evaluations) == 1 or same_time(spray_time_s(model.scene), delay.delay_s)
 
 
 def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:
     medium = evaluate_scattering(target, model, evaluation, maps=maps)
-    known = np.isfinite(medium.temperature_K)
+    valid = np.isfinite(medium.temperature_K)
     changed = medium.temperature_K - evaluation.maps.apparent_temperature_K
     OUT.print(
-        f"{int(known.sum()):9d} pixels: temperature of the medium, without scattered walls; "
-        f"{float(np.mean(changed[known])) if known.any() else 0.0:+.2g} K against T_app"
+        f"{int(valid.sum()):9d} pixels: temperature of the medium, without scattered walls; "
+        f"{float(np.mean(changed[valid])) if valid.any() else 0.0:+.2g} K against T_app"
     )

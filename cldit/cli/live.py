@@ -95,18 +95,18 @@ def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -
     Problems of reading and writing are reported on the next page, and tried again.
     """
     watch = Watch(folder, known_bytes=known_bytes)
-    wanted, unwritten, written_s, pause_s = True, "", 0.0, 0.0
+    due, unwritten, written_s, pause_s = True, "", 0.0, 0.0
     shot: LastShot | None = None
     while True:
         over = ended.wait(pause_s)
         begin_s = time.monotonic()
         problems = [unwritten] if unwritten else []
         try:
-            wanted = watch.look() or wanted
+            due = watch.look() or due
         except ClditError as error:
             problems.append(str(error))
         seen = watch.seen(ended=over)
-        if (wanted or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
+        if (due or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
             try:
                 shot = _newest(folder, seen, shot)
             except ClditError as error:
@@ -116,27 +116,27 @@ def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -
             )
             try:
                 _write(folder, page.encode(), seen)
-                wanted, unwritten, written_s = False, "", begin_s
+                due, unwritten, written_s = False, "", begin_s
             except ClditError as error:
-                wanted, unwritten = True, str(error)
+                due, unwritten = True, str(error)
         if over:
             return
         pause_s = max(_PAUSE_s, _REST * (time.monotonic() - begin_s))
 
 
-def _newest(folder: Path, seen: Seen, before: LastShot | None) -> LastShot | None:
+def _newest(folder: Path, seen: Seen, previous: LastShot | None) -> LastShot | None:
     if seen.last is None or seen.plan is None:
         return None
     name = seen.last["shot"]
-    if before is not None and before.meta["shot"] == name:
-        return before
+    if previous is not None and previous.meta["shot"] == name:
+        return previous
     return LastShot(*load_shot(folder, name, plan_hash=seen.plan.hash()))
 
 
 def _write(folder: Path, page: bytes, seen: Seen) -> None:
     """Raises DiskFull where the rest of the disk is needed for the shots."""
-    last = None if seen.last is None else shot_path(folder, seen.last["shot"])
-    size = last.stat().st_size if last is not None and last.is_file() else 0
-    left = needed_bytes(seen.total - seen.done, picture_bytes=size)
-    check_room(folder, left + len(page) + _SPARE_bytes)
+    path = None if seen.last is None else shot_path(folder, seen.last["shot"])
+    size = path.stat().st_size if path is not None and path.is_file() else 0
+    remaining_bytes = needed_bytes(seen.total - seen.done, picture_bytes=size)
+    check_room(folder, remaining_bytes + len(page) + _SPARE_bytes)
     write_bytes(folder / PAGE, page, sync=False)

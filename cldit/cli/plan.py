@@ -131,15 +131,16 @@ def plan_command(
 def _print_separations(separations: tuple[Separation, ...]) -> None:
     rows = [
         (
-            "" if each.delay_s is None else delay_text(each.delay_s),
-            f"{len(each.backgrounds_K)}: {each.backgrounds_K[0]:g} .. {each.backgrounds_K[-1]:g}",
-            "none" if each.shots is None else str(each.shots),
-            f"{each.distance:.2g}",
-            f"{each.of_noise:.2g}",
-            f"{each.rms_K:.2g}",
-            "" if each.time_s is None else f"{each.time_s / 60:.0f}",
+            "" if separation.delay_s is None else delay_text(separation.delay_s),
+            f"{len(separation.backgrounds_K)}: "
+            f"{separation.backgrounds_K[0]:g} .. {separation.backgrounds_K[-1]:g}",
+            "none" if separation.shots is None else str(separation.shots),
+            f"{separation.distance:.2g}",
+            f"{separation.of_noise:.2g}",
+            f"{separation.rms_K:.2g}",
+            "" if separation.time_s is None else f"{separation.time_s / 60:.0f}",
         )
-        for each in separations
+        for separation in separations
     ]
     heads = ("delay", "backgrounds / K", "shots", "sigma", "by noise", "RMS / K", "min")
     print_table(*heads, rows=rows)

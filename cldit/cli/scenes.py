@@ -25,8 +25,8 @@ def scenes(show: str | None, schema: bool) -> Outcome:
     if schema:
         tell(json.dumps(Scene.model_json_schema(), indent=2))
         return Outcome(Scene.model_json_schema())
-    found = shipped_scenes()
-    print_table("scene", "", rows=found.items())
+    descriptions = shipped_scenes()
+    print_table("scene", "", rows=descriptions.items())
     return Outcome(
-        [{"name": name, "description": description} for name, description in found.items()]
+        [{"name": name, "description": description} for name, description in descriptions.items()]
     )
