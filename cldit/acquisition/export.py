@@ -43,7 +43,7 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
     if not acquisition.shots:
         raise ExportError(f"{acquisition.folder}: holds no images yet")
     if form == "nexus":
-        needed("h5py", extra="export", what="--to nexus:", error=ExportError)
+        needed("h5py", extra="export", needed_by="--to nexus:", error=ExportError)
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
     make_folder(path.parent)
@@ -130,7 +130,7 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
 
 
 def _write_nexus(acquisition: Acquisition, path: Path) -> None:
-    h5py = needed("h5py", extra="export", what="--to nexus:", error=ExportError)
+    h5py = needed("h5py", extra="export", needed_by="--to nexus:", error=ExportError)
     with new_hdf(path, h5py) as (file, check):
         _put_nexus(acquisition, file, check)
 

@@ -23,7 +23,7 @@ def regular(path: Path) -> Path:
 
 def module(name: str, path: Path) -> Any:
     """Imports a module of the extra `cfd` to read `path`."""
-    return needed(name, extra="cfd", what=f"{path}:", error=SprayError)
+    return needed(name, extra="cfd", needed_by=f"{path}:", error=SprayError)
 
 
 def text_of(path: Path) -> str:

@@ -39,4 +39,4 @@ class Presented:
 
 def xarray_module() -> Any:
     """The module `xarray`; ClditError if it is not installed."""
-    return needed("xarray", extra="studies", what="a labelled data set")
+    return needed("xarray", extra="studies", needed_by="a labelled data set")

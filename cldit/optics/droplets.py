@@ -153,7 +153,8 @@ def droplet_table(
     arrays = cached(
         cache,
         kind="mie",
-        text=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}{end}",
+        description=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}"
+        f"{end}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, end_m=end_m),
     )
     start, step = (float(value) for value in arrays["axis"])

@@ -104,7 +104,7 @@ def phase_table(
     arrays = cached(
         cache,
         kind="phase",
-        text=f"{_FORM} {_SIZES} {_WITHIN} {wavelength_um!r} {n!r} {k!r} {largest_m!r}",
+        description=f"{_FORM} {_SIZES} {_WITHIN} {wavelength_um!r} {n!r} {k!r} {largest_m!r}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, largest_m=largest_m),
     )
     names = ("diameter_m", "cosine", "weights", "density_per_sr", "scattering_m2")

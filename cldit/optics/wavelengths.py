@@ -167,7 +167,7 @@ def wavelengths(
         return {**choice, "main": np.array([float(np.argmax(hidden))]), **vars(means)}
 
     content = _content(scene, tolerance_K, spray, spectrum, asymmetry)
-    arrays = cached(cache, kind="wavelengths", text=content, make=choose)
+    arrays = cached(cache, kind="wavelengths", description=content, make=choose)
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
     properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
     bands = tuple(

@@ -54,7 +54,7 @@ def mean_phase(
     arrays = cached(
         cache,
         kind="scattering",
-        text=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
+        description=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
         make=lambda: _plain(
             SizeBins.of(
                 parcels.diameter_m,

@@ -267,7 +267,7 @@ MUTATIONS = (
         "drivers/test_check_driver.py"),
     row("cldit/io/tables.py", 'or head["check"] != zlib.crc32(values)', "", "unit/io",
         "unit/optics/test_droplets.py"),
-    row("cldit/io/free_memory.py", 'known["MemAvailable"] * 1024', 'known["MemAvailable"]',
+    row("cldit/io/free_memory.py", 'memory["MemAvailable"] * 1024', 'memory["MemAvailable"]',
         "unit/io"),
     row("cldit/io/images.py", "resolution = (1e-3 / pixel_m[0], 1e-3 / pixel_m[1])",
         "resolution = (1e-3 / pixel_m[1], 1e-3 / pixel_m[0])", "unit/io", "unit/show"),

@@ -14,7 +14,13 @@ from cldit.io.extras import needed
 
 def _opened(file: Path) -> Any:
     hint = ", or save the table as CSV"
-    needed("pyarrow.parquet", extra="parquet", what=f"{file}: Parquet", error=SprayError, hint=hint)
+    needed(
+        "pyarrow.parquet",
+        extra="parquet",
+        needed_by=f"{file}: Parquet",
+        error=SprayError,
+        hint=hint,
+    )
     from pyarrow.lib import ArrowException
     from pyarrow.parquet import ParquetFile
 

@@ -175,7 +175,7 @@ def check_gas(fuel: Fuel, *, gas_K: float, pressure_Pa: float, names: tuple[str,
 
 def _cached(key: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
     key = f"{_FORM} {version('CoolProp')} {key}"
-    return _columns(cached(cache, kind="fluid", text=key, make=lambda: _arrays(build())))
+    return _columns(cached(cache, kind="fluid", description=key, make=lambda: _arrays(build())))
 
 
 def _arrays(columns: Columns) -> Arrays:
