@@ -24,7 +24,7 @@ class Response:
     pairs: tuple[tuple[float, float], ...]  # wavelength_um, value
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pairs", check_curve(self.pairs, what="filter_um"))
+        object.__setattr__(self, "pairs", check_curve(self.pairs, source="filter_um"))
 
     def at(self, wavelength_um: ArrayLike) -> Floats:
         """The response at wavelengths [um], any shape; 0 outside the table."""

@@ -14,22 +14,24 @@ class KeyDifference:
     """A key of the scene and its two values; None if a scene does not have the key."""
 
     key: str
-    one: Any
-    other: Any
+    baseline: Any
+    compared: Any
 
     @property
     def text(self) -> str:
         """`walls.temperature_K: 450 and 500`."""
-        return f"{self.key}: {_value(self.one)} and {_value(self.other)}"
+        return f"{self.key}: {_value(self.baseline)} and {_value(self.compared)}"
 
 
-def key_differences(one: Scene, other: Scene) -> tuple[KeyDifference, ...]:
+def key_differences(baseline: Scene, compared: Scene) -> tuple[KeyDifference, ...]:
     """Keys whose values differ between two scenes, in the order of the scene file."""
-    first, second = (dict(_leaves(each.model_dump(mode="json"))) for each in (one, other))
+    baseline_values, compared_values = (
+        dict(_leaves(scene.model_dump(mode="json"))) for scene in (baseline, compared)
+    )
     return tuple(
-        KeyDifference(key, first.get(key), second.get(key))
-        for key in dict.fromkeys((*first, *second))
-        if first.get(key) != second.get(key)
+        KeyDifference(key, baseline_values.get(key), compared_values.get(key))
+        for key in dict.fromkeys((*baseline_values, *compared_values))
+        if baseline_values.get(key) != compared_values.get(key)
     )
 
 
@@ -48,5 +50,5 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 def _value(value: Any) -> str:
     if value is None:
         return "nothing"
-    text = f"{value:g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    string = f"{value:g}" if isinstance(value, float) else str(value)
+    return string if len(string) <= 60 else f"{string[:57]}..."

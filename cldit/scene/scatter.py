@@ -95,8 +95,8 @@ def member(scene: "Scene", number: int) -> "Scene":
         "spray.fuel_temperature_K": plain["fuel_temperature_K"] + scatter.fuel_temperature_K * fuel,
     }
     for hole, plume in enumerate(plain["plumes"]):
-        away, aside, wider = rng.standard_normal(3)
-        turned = _turned(plume, scatter.direction_deg * away, scatter.direction_deg * aside)
+        outward, aside, wider = rng.standard_normal(3)
+        turned = _turned(plume, scatter.direction_deg * outward, scatter.direction_deg * aside)
         turned["cone_angle_deg"] = plume["cone_angle_deg"] + scatter.cone_angle_deg * wider
         values |= {f"spray.plumes[{hole}].{key}": value for key, value in turned.items()}
     if spray.model == "lagrangian":
@@ -119,9 +119,9 @@ def _turned(plume: dict[str, Any], away_deg: float, aside_deg: float) -> dict[st
     radial = np.array([math.cos(turn), math.sin(turn), 0.0])
     down = np.array([0.0, 0.0, -1.0])
     along = math.sin(tilt) * radial + math.cos(tilt) * down
-    away = math.cos(tilt) * radial - math.sin(tilt) * down
+    outward = math.cos(tilt) * radial - math.sin(tilt) * down
     aside = np.array([-math.sin(turn), math.cos(turn), 0.0])
-    x, y, z = along + math.radians(away_deg) * away + math.radians(aside_deg) * aside
+    x, y, z = along + math.radians(away_deg) * outward + math.radians(aside_deg) * aside
     return {
         "inclination_deg": math.degrees(math.atan2(math.hypot(x, y), -z)),
         "azimuth_deg": math.degrees(math.atan2(y, x)),
