@@ -112,7 +112,7 @@ class OpenDevices:
         self.check_process()
         with self._lock:
             number = int(handle.int_ptr)
-            alive = {int(one.handle.int_ptr): one for one in self._alive}
+            alive = {int(leased.handle.int_ptr): leased for leased in self._alive}
             context = alive.get(number)
             if context is None:
                 version = self._versions.get(number) or prepare()

@@ -78,7 +78,7 @@ class Rasteriser(ABC):
         rows = max(1, _SUMS_AT_ONCE // kinds)
         for begin in range(0, size, rows):
             part = np.empty((min(rows, size - begin), kinds), np.int64)
-            download(self.device, sums, part, first=begin * kinds)
+            download(self.device, sums, part, start=begin * kinds)
             for kind, target in enumerate(targets):
                 target[begin : begin + rows] += part[:, kind] / scale[kind]
 

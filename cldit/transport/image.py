@@ -210,7 +210,7 @@ class Rays:
             mine = slice(part.rows.start * columns, part.rows.stop * columns)
             for number, plane in enumerate(planes):
                 first = number * plane.size + mine.start
-                download(part.device, out, plane[mine], first=first)
+                download(part.device, out, plane[mine], start=first)
         return planes
 
     def _listed(self, pixels: Ints, across: int) -> Reals:

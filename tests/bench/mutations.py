@@ -159,7 +159,7 @@ MUTATIONS = (
     row("cldit/optics/scene_phase.py", "henyey_greenstein(g))", "henyey_greenstein(-g))",
         "unit/prepare/test_optics_tables.py", "unit/optics"),
     # gpu
-    row("cldit/gpu/device.py", "range(first, last)", "range(first, max(last - 1, first))",
+    row("cldit/gpu/device.py", "range(start, stop)", "range(start, max(stop - 1, start))",
         "unit/gpu"),
     row("cldit/gpu/signature.py", "if argument.name == name:", "if argument.name >= name:",
         "unit/gpu"),

@@ -329,7 +329,7 @@ def test_a_history_is_its_steps(device: Device, heptane: Fuel, nitrogen: Gas, wi
     """Of droplets through other gas in each step, of which some vanish, as step by step."""
     model = MODELS["abramzon-sirignano"]
     defines = {**model.defines, "SIMD_WIDTH": width}
-    program = build(device, "spray/droplets.cl", defines, before=model.source)
+    program = build(device, "spray/droplets.cl", defines, preamble=model.source)
     eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
     kernels = replace(eight, program=program, width=width)
     mass, temperature, speed, *_ = crowd(heptane, drops(heptane, 13))["droplets"]

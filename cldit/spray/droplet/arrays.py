@@ -49,7 +49,7 @@ class DropletKernels:
             raise DeviceError(f"droplets need float64, which {device.info.name} does not have")
         width = 8 if device.is_cpu else 1
         defines = {**model.defines, "SIMD_WIDTH": width, **({"USE_FLOAT64": 1} if double else {})}
-        program = build(device, "spray/droplets.cl", defines, before=model.source)
+        program = build(device, "spray/droplets.cl", defines, preamble=model.source)
         table = property_table(fuel, gas).astype(real)
         return cls(fuel, gas, model, program, width, real, upload(device, "fuel", table))
 

@@ -84,14 +84,14 @@ class RayFields:
     def read_planes(self, buffer: Any, planes: int, *, begin: int = 0) -> Floats:
         """Planes of a buffer from `begin` on, as an array (planes, A, P, R)."""
         out = np.empty((planes, self.cells), self.real)
-        download(self.device, buffer, out, first=begin * self.cells)
+        download(self.device, buffer, out, start=begin * self.cells)
         rows = out[:, _GUARD:-_GUARD].reshape(planes, *self.grid.shape[:2], self.stride)
         return np.array(rows[..., : self.grid.shape[2]], dtype=np.float64)
 
     def write(self, buffer: Any, values: Floats, plane: int = 0) -> None:
         """Sets a plane to an array (A, P, R)."""
         old = np.empty(self.cells, self.real)
-        download(self.device, buffer, old, first=plane * self.cells)
+        download(self.device, buffer, old, start=plane * self.cells)
         rows = old[_GUARD:-_GUARD].reshape(*self.grid.shape[:2], self.stride)
         rows[:, :, : self.grid.shape[2]] = values
         offset = plane * self.cells * old.itemsize

@@ -150,7 +150,7 @@ def faulty(monkeypatch: pytest.MonkeyPatch, change: Callable[[str], str]) -> Non
     """Compiles other sources from here on."""
     monkeypatch.setattr(
         "cldit.gpu.program.assemble",
-        lambda name, before="": change(kernel_source.assemble(name, before=before)),
+        lambda name, preamble="": change(kernel_source.assemble(name, preamble=preamble)),
     )
 
 
@@ -231,7 +231,7 @@ def two(monkeypatch: pytest.MonkeyPatch, device: Device) -> list[str]:
         return Check(("float32 x: path.cl scatter: means is off by 3e-01",), 45, 1.0)
 
     found = [(device.info, device.opened.handle), (GPU, device.opened.handle)]
-    monkeypatch.setattr("cldit.gpu.device._found", lambda: found)
+    monkeypatch.setattr("cldit.gpu.device._described_devices", lambda: found)
     monkeypatch.setattr(
         "cldit.gpu.device._open",
         lambda info, handle, reason, **_: replace(device, info=info, reason=reason),
