@@ -34,7 +34,7 @@ def of_reading(watch: Watch | None) -> ReadingWatch:
     """Callback for the reading of a CFD case, which passes its progress to `watch`."""
     if watch is None:
         return silent
-    return lambda what, done, total: watch(Progress(what, done, total, None))
+    return lambda work, done, total: watch(Progress(work, done, total, None))
 
 
 def run_experiment(
@@ -76,7 +76,7 @@ def run_experiment(
     shown_s = spray_time_s(scene)
     times_s = [*at_delays, *([shown_s] if isinstance(shown_s, float) else [])]
     with exclusive(folder, "run"), times_together(times_s):
-        return _run(scene, folder, at_delays, device, progress or (lambda text: None), watch)
+        return _run(scene, folder, at_delays, device, progress or (lambda line: None), watch)
 
 
 def _run(
@@ -112,10 +112,10 @@ def _run(
     _complete(record)
     acquired = time.perf_counter()
     say(StageLine("evaluation of the shots"))
-    found = evaluate_delays(folder / "acquisition")
-    if delay_problems(found):
-        raise EvaluationError(delay_problems(found))
-    measured = _of_run(found, shown_s)
+    evaluations = evaluate_delays(folder / "acquisition")
+    if delay_problems(evaluations):
+        raise EvaluationError(delay_problems(evaluations))
+    measured = _of_run(evaluations, shown_s)
     evaluated = time.perf_counter()
     stages = [
         Stage("acquisition", acquired - start, f"{record.saved} shots"),
@@ -143,11 +143,11 @@ def _refuse_missing(scene: Scene) -> None:
             raise SprayError(f"plan.delays_s: {delay_text(delay_s)}: {error}") from error
 
 
-def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
+def _of_run(evaluations: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
     """Maps of the time that the run itself shows, if it was recorded."""
-    for one in found:
-        if len(found) == 1 or same_time(shown_s, one.delay_s):
-            return None if one.evaluation is None else one.evaluation.maps
+    for delay in evaluations:
+        if len(evaluations) == 1 or same_time(shown_s, delay.delay_s):
+            return None if delay.evaluation is None else delay.evaluation.maps
     return None
 
 

@@ -64,10 +64,10 @@ def evaluate_delays(
         say=say,
     )
     if len(delays) < 2:
-        found = evaluate(folder)
-        here = Path(folder)
-        place = (here.parent if here.is_file() else here) / "maps"
-        return (DelayEvaluation(delays[0] if delays else None, place, found),)
+        single = evaluate(folder)
+        path = Path(folder)
+        place = (path.parent if path.is_file() else path) / "maps"
+        return (DelayEvaluation(delays[0] if delays else None, place, single),)
     done: list[DelayEvaluation] = []
     for number, delay_s in enumerate(delays):
         place = maps_folder(Path(folder), delays, number)
@@ -84,21 +84,21 @@ def evaluate_delays(
     return tuple(done)
 
 
-def delay_rows(found: Collection[DelayEvaluation]) -> list[DelayRow]:
+def delay_rows(evaluations: Collection[DelayEvaluation]) -> list[DelayRow]:
     """Rows of the table of the delays that could be evaluated."""
     return [
-        DelayRow.of(one.delay_s, one.evaluation.maps)
-        for one in found
-        if one.evaluation is not None and one.delay_s is not None
+        DelayRow.of(delay.delay_s, delay.evaluation.maps)
+        for delay in evaluations
+        if delay.evaluation is not None and delay.delay_s is not None
     ]
 
 
-def delay_problems(found: Collection[DelayEvaluation]) -> str:
+def delay_problems(evaluations: Collection[DelayEvaluation]) -> str:
     """Reasons why delays could not be evaluated; empty if all were."""
     return "\n".join(
-        f"at {delay_text(one.delay_s)}: {one.problem}"
-        for one in found
-        if one.problem and one.delay_s is not None
+        f"at {delay_text(delay.delay_s)}: {delay.problem}"
+        for delay in evaluations
+        if delay.problem and delay.delay_s is not None
     )
 
 
@@ -139,8 +139,8 @@ def evaluate_folder(
         acquisition = open_measured(folder)
         place = acquisition.folder / "maps"
         if say is not None:
-            for found in acquisition.found():
-                say(found)
+            for finding in acquisition.found():
+                say(finding)
         accept = (*acquisition.accept, *accept)
     else:
         acquisition = open_acquisition(folder, frame=frame)
@@ -164,9 +164,9 @@ def evaluate_folder(
             acquisition.close()
     remarks = list(acquisition.damage) if isinstance(acquisition, Acquisition) else []
     if missing:
-        more = ", .." if len(missing) > 5 else ""
+        ellipsis = ", .." if len(missing) > 5 else ""
         remarks.insert(
-            0, f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}{more})"
+            0, f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}{ellipsis})"
         )
     evaluation = replace(
         evaluation,
@@ -212,10 +212,10 @@ def evaluate_scattering(
     curve = Curve(filter_um=evaluation.calibration.filter_um)
     if evaluation.fitted is not None:
         curve = evaluation.fitted.curve
-    around = opened.surroundings
-    if not around.patches:  # neither a rig nor measured data describe them
-        around = replace(around, patches=model.scene.patches)
-    scattered = scattered_by(spray, reference, enclosure(around, curve))
+    surroundings = opened.surroundings
+    if not surroundings.patches:  # neither a rig nor measured data describe them
+        surroundings = replace(surroundings, patches=model.scene.patches)
+    scattered = scattered_by(spray, reference, enclosure(surroundings, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)
     images = {
         "medium_temperature_K": (medium.temperature_K, "K"),

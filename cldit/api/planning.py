@@ -61,7 +61,9 @@ class PlannedMeasurement:
         return {
             "folder": self.folder,
             "goal": asdict(self.goal),
-            "designs": [{**asdict(each), "chosen": each is self.chosen} for each in self.designs],
+            "designs": [
+                {**asdict(design), "chosen": design is self.chosen} for design in self.designs
+            ],
             "coldest_opaque_K": self.coldest_opaque_K,
         }
 
@@ -86,8 +88,8 @@ class PlannedSeparation:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         plans = [
-            {**asdict(each), "chosen": each is self.chosen, "verdict": each.text}
-            for each in self.separations
+            {**asdict(separation), "chosen": separation is self.chosen, "verdict": separation.text}
+            for separation in self.separations
         ]
         return {"folder": self.folder, "plans": plans}
 
@@ -201,14 +203,14 @@ def separate(
         ClditError: as `cldit.simulate`.
     """
     models: Sequence[Scene] = (chosen_scene(one), chosen_scene(other))
-    first, second = models
-    folder = Path("runs") / f"{first.name}-or-{second.name}" if out is None else Path(out)
-    delays_s = SeriesPlan.of(first, delays).scenes if delays else first.plan.delays_s
+    baseline, rival = models
+    folder = Path("runs") / f"{baseline.name}-or-{rival.name}" if out is None else Path(out)
+    delays_s = SeriesPlan.of(baseline, delays).scenes if delays else baseline.plan.delays_s
     separations = separations_of(
-        first,
-        second,
+        baseline,
+        rival,
         folder,
-        _blackbody(first, limits_K),
+        _blackbody(baseline, limits_K),
         delays_s=tuple(delays_s),
         least_emissivity=least_emissivity,
         device=device,
@@ -218,7 +220,9 @@ def separate(
     best = planned.chosen
     if best.shots is None:
         return planned
-    measurement = plan_from_scene(first if best.delay_s is None else scene_at(first, best.delay_s))
+    measurement = plan_from_scene(
+        baseline if best.delay_s is None else scene_at(baseline, best.delay_s)
+    )
     sizes = {"backgrounds_K": best.backgrounds_K, "shots": best.shots, "references": best.shots}
     measurement = measurement.model_copy(update={**sizes, "delays_s": ()})
     write_text(folder / "plan.yaml", measurement.dump())

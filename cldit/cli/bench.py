@@ -82,7 +82,7 @@ def bench(
         asked_K=asked_K,
         seeds=seeds,
         scenes=scenes,
-        before=stored_rows(out, pixels=pixels),
+        earlier_rows=stored_rows(out, pixels=pixels),
     )
     OUT.print(part.title, style="bold")
     for table in part.tables:
