@@ -21,7 +21,14 @@ from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, StageLine, simulate, with_stages
 from cldit.scene import Scene
-from cldit.scene.delays import alone, delay_folder, delay_text, same_time, scene_at, spray_time_s
+from cldit.scene.delays import (
+    delay_folder,
+    delay_text,
+    same_time,
+    scene_at,
+    spray_time_s,
+    without_delays,
+)
 from cldit.scene.load import chosen_scene
 from cldit.scene.spray import CfdSpray
 from cldit.show.report.run_report import write_run_report
@@ -99,7 +106,7 @@ def _run(
             continue
         say(StageLine(f"the spray at {delay_text(delay_s)}"))
         traced.append(folder / delay_folder(delay_s))
-        simulate(alone(later), traced[-1], device=device, progress=say, watch=reading)
+        simulate(without_delays(later), traced[-1], device=device, progress=say, watch=reading)
     start = time.perf_counter()
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"
@@ -135,10 +142,10 @@ def _refuse_missing(scene: Scene) -> None:
     from cldit.cfd.formats import contents  # loads VTK
     from cldit.cfd.times import choose_time
 
-    known_s = contents(spray).times_s
-    for delay_s in scene.plan.delays_s if known_s else ():
+    case_times_s = contents(spray).times_s
+    for delay_s in scene.plan.delays_s if case_times_s else ():
         try:
-            choose_time(str(spray.file), known_s, delay_s)
+            choose_time(str(spray.file), case_times_s, delay_s)
         except SprayError as error:
             raise SprayError(f"plan.delays_s: {delay_text(delay_s)}: {error}") from error
 

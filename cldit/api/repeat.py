@@ -121,19 +121,21 @@ def repeat(
     recorded = run.measured is not None
     with _place(out) as place:
         if recorded:
-            again = run_experiment(run.scene, place, device=device, progress=progress)
+            repeated = run_experiment(run.scene, place, device=device, progress=progress)
         else:
-            again = simulate(run.scene, place, device=device, progress=progress)
+            repeated = simulate(run.scene, place, device=device, progress=progress)
         return Repeated(
-            trace=_compared(run, again, acquired=False, within_K=within_K),
-            recorded=_compared(run, again, acquired=True, within_K=within_K) if recorded else None,
+            trace=_compared(run, repeated, acquired=False, within_K=within_K),
+            recorded=_compared(run, repeated, acquired=True, within_K=within_K)
+            if recorded
+            else None,
             inputs=inputs,
-            changed=_changed(run, again),
+            changed=_changed(run, repeated),
         )
 
 
-def _compared(run: Run, again: Run, *, acquired: bool, within_K: float | None) -> Difference:
-    original, repetition = (open_shown(result, acquired=acquired) for result in (run, again))
+def _compared(run: Run, repeated: Run, *, acquired: bool, within_K: float | None) -> Difference:
+    original, repetition = (open_shown(result, acquired=acquired) for result in (run, repeated))
     return difference(
         replace(original, name=str(run.folder)),
         replace(repetition, name="the repetition"),
@@ -153,7 +155,7 @@ def _place(out: str | Path | None) -> Iterator[Path]:
     yield place
 
 
-def _changed(run: Run, again: Run) -> dict[str, tuple[str, str]]:
+def _changed(run: Run, repeated: Run) -> dict[str, tuple[str, str]]:
     """Versions, commit and device that are not the same."""
     recorded, current = (
         {
@@ -161,7 +163,7 @@ def _changed(run: Run, again: Run) -> dict[str, tuple[str, str]]:
             "device": result.info.device,
             "commit": (result.info.origin and result.info.origin.commit) or "",
         }
-        for result in (run, again)
+        for result in (run, repeated)
     )
     return {
         name: (recorded.get(name, ""), current.get(name, ""))

@@ -93,10 +93,10 @@ def run_series(
         def run(time_scene: Scene, place: Path) -> Run:
             if trace_only:
                 return simulate(time_scene, place, device=opened, progress=progress, watch=reading)
-            kept = _finished(time_scene, place)
-            if kept is not None:
+            finished = _finished(time_scene, place)
+            if finished is not None:
                 say(f"{place}: finished before, kept")
-                return kept
+                return finished
             return run_experiment(time_scene, place, device=opened, progress=progress, watch=watch)
 
         if ahead is not None:

@@ -153,7 +153,7 @@ def budget(
             for kelvin in asked_K:
                 for scene in seeded_scenes:
                     row = measure(scene, reference, device, asked_K=kelvin, cache=cache)
-                    say(f"{name}, {kelvin:g} K asked, seed {row.seed}: {_said(row)}")
+                    say(f"{name}, {kelvin:g} K asked, seed {row.seed}: {_summary(row)}")
                     rows.append(row)
                 save(budget_part(rows, pixels=pixels, references_K=errors_K, missing=missing))
     if not rows:
@@ -246,7 +246,7 @@ def _line(name: str, asked_K: float, rows: Sequence[BudgetRow]) -> tuple[str, ..
     )
 
 
-def _said(row: BudgetRow) -> str:
+def _summary(row: BudgetRow) -> str:
     stated = "unknown" if row.stated_K is None else f"{number(row.stated_K, 2)} K"
     return f"{stated} stated, {number(row.true_K, 2)} K true, {number(row.core_s)} core-s"
 
@@ -267,8 +267,8 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
     axes: Any = figure.subplots()
     axes.set(xscale="log", yscale="log", xlabel="core seconds of the whole run",
              ylabel="RMS error of apparent temperature / K")  # fmt: skip
-    asked = sorted({row.asked_K for row in rows}, reverse=True)
-    marker = {kelvin: "osD^v"[at % 5] for at, kelvin in enumerate(asked)}
+    tolerances_K = sorted({row.asked_K for row in rows}, reverse=True)
+    marker = {kelvin: "osD^v"[at % 5] for at, kelvin in enumerate(tolerances_K)}
     for row in rows:
         colour = _COLOURS.get(row.scene, "black")
         if row.stated_K is not None:
@@ -277,7 +277,7 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
         axes.plot(row.core_s, row.true_K, marker[row.asked_K], color=colour, ms=4.5)
     for name in dict.fromkeys(row.scene for row in rows):
         axes.plot([], [], lw=3, color=_COLOURS.get(name, "black"), label=name)
-    for kelvin in asked:
+    for kelvin in tolerances_K:
         axes.plot([], [], marker[kelvin], color="0.4", ms=4.5, label=f"true, {kelvin:g} K asked")
     axes.plot([], [], "x", color="0.4", label="stated")
     plain_ticks(axes)

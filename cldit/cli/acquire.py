@@ -29,11 +29,11 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
     """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
     sequence = load_plan(plan)
     if dry:
-        asked = open_rig(rig)
+        dry_rig = open_rig(rig)
         try:
-            _print_estimate(dry_run(asked, sequence, out))
+            _print_estimate(dry_run(dry_rig, sequence, out))
         finally:
-            asked.close()  # not made safe: that would move the black body
+            dry_rig.close()  # not made safe: that would move the black body
         print_next("cldit", "acquire", rig, plan, "--out", out)
         return
     page: AbstractContextManager[object] = nullcontext()

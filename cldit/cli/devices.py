@@ -91,5 +91,5 @@ def _checked(info: DeviceInfo, check: Check | None) -> Text:
 
 
 def _tested(about: DriverAbout, missing: Iterable[str]) -> Text:
-    lacks = f"needs {', '.join(missing)} ({about.install}); " if missing else ""
-    return Text.assemble((lacks, "yellow"), about.tested)
+    requirement = f"needs {', '.join(missing)} ({about.install}); " if missing else ""
+    return Text.assemble((requirement, "yellow"), about.tested)

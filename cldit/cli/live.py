@@ -41,10 +41,10 @@ class PageWriter:
 
     def __enter__(self) -> "PageWriter":
         journal = self.path.with_name(JOURNAL)
-        known_bytes = journal.stat().st_size if journal.is_file() else 0
+        journal_bytes = journal.stat().st_size if journal.is_file() else 0
         try:
             self.process = subprocess.Popen(
-                [sys.executable, "-c", _SERVE, str(self.path.parent), str(known_bytes)],
+                [sys.executable, "-c", _SERVE, str(self.path.parent), str(journal_bytes)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -76,7 +76,7 @@ class PageWriter:
 
 def serve() -> None:
     """Runs the process; its arguments are the folder and the present length of the journal."""
-    folder, known_bytes = Path(sys.argv[1]), int(sys.argv[2])
+    folder, journal_bytes = Path(sys.argv[1]), int(sys.argv[2])
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
     ended = threading.Event()
@@ -86,7 +86,7 @@ def serve() -> None:
         ended.set()
 
     threading.Thread(target=wait_for_end, daemon=True).start()
-    write_pages(folder, ended, known_bytes=known_bytes)
+    write_pages(folder, ended, known_bytes=journal_bytes)
 
 
 def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -> None:
@@ -105,17 +105,17 @@ def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -
             due = watch.look() or due
         except ClditError as error:
             problems.append(str(error))
-        seen = watch.seen(ended=over)
+        state = watch.seen(ended=over)
         if (due or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
             try:
-                shot = _newest(folder, seen, shot)
+                shot = _newest(folder, state, shot)
             except ClditError as error:
                 problems.append(str(error))
             page = live_page(
-                seen, shot, over=over, problem="; ".join(problems), epoch_s=time.time()
+                state, shot, over=over, problem="; ".join(problems), epoch_s=time.time()
             )
             try:
-                _write(folder, page.encode(), seen)
+                _write(folder, page.encode(), state)
                 due, unwritten, written_s = False, "", begin_s
             except ClditError as error:
                 due, unwritten = True, str(error)
@@ -124,19 +124,19 @@ def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -
         pause_s = max(_PAUSE_s, _REST * (time.monotonic() - begin_s))
 
 
-def _newest(folder: Path, seen: Seen, previous: LastShot | None) -> LastShot | None:
-    if seen.last is None or seen.plan is None:
+def _newest(folder: Path, state: Seen, previous: LastShot | None) -> LastShot | None:
+    if state.last is None or state.plan is None:
         return None
-    name = seen.last["shot"]
+    name = state.last["shot"]
     if previous is not None and previous.meta["shot"] == name:
         return previous
-    return LastShot(*load_shot(folder, name, plan_hash=seen.plan.hash()))
+    return LastShot(*load_shot(folder, name, plan_hash=state.plan.hash()))
 
 
-def _write(folder: Path, page: bytes, seen: Seen) -> None:
+def _write(folder: Path, page: bytes, state: Seen) -> None:
     """Raises DiskFull where the rest of the disk is needed for the shots."""
-    path = None if seen.last is None else shot_path(folder, seen.last["shot"])
+    path = None if state.last is None else shot_path(folder, state.last["shot"])
     size = path.stat().st_size if path is not None and path.is_file() else 0
-    remaining_bytes = needed_bytes(seen.total - seen.done, picture_bytes=size)
+    remaining_bytes = needed_bytes(state.total - state.done, picture_bytes=size)
     check_room(folder, remaining_bytes + len(page) + _SPARE_bytes)
     write_bytes(folder / PAGE, page, sync=False)

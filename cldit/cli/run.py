@@ -46,7 +46,7 @@ from cldit.run.series_plan import SERIES_FILE
 from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
-from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s
+from cldit.scene.delays import delay_folder, same_time, scene_at, spray_time_s, without_delays
 from cldit.scene.load import shipped_scenes, short_changes
 from cldit.scene.scatter import members_of
 from cldit.show.figures.readable import human_figures
@@ -235,7 +235,7 @@ def _members_aside(scene: Scene, folder: Path, bar: ProgressBar, shared: dict[st
     places = {folder: scene}
     for delay_s in scene.plan.delays_s:
         if not same_time(spray_time_s(scene), delay_s):
-            places[folder / delay_folder(delay_s)] = alone(scene_at(scene, delay_s))
+            places[folder / delay_folder(delay_s)] = without_delays(scene_at(scene, delay_s))
     for place, delay_scene in places.items():
         watch = partial(_count, bar, "injections")
         trace_members(delay_scene, place, progress=bar.say, watch=watch, **shared)

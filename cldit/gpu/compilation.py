@@ -68,7 +68,7 @@ def _compiled(opened: Context, source: str, options: list[str]) -> Compiled:
     identity = "\0".join((*made_by, *options, source))
     key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     folder = default_cache() / "programs"
-    with _alone(folder / f"{key[0]}.lock"), _FILTERS, warnings.catch_warnings():
+    with _locked(folder / f"{key[0]}.lock"), _FILTERS, warnings.catch_warnings():
         warnings.simplefilter("ignore", cl.CompilerWarning)
         if has_src_build_cache(handle):
             check_room(handle)
@@ -83,7 +83,7 @@ def _compiled(opened: Context, source: str, options: list[str]) -> Compiled:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
+def _locked(path: Path) -> Iterator[None]:
     """Holds a lock on the file, if the folder allows one, so that one process at a time runs."""
     with ExitStack() as held:
         with suppress(OSError):
@@ -96,11 +96,12 @@ def _from_source(opened: Context, source: str, options: list[str]) -> Compiled:
     build: Any = cl.Program(opened.opencl, source).build
     program = build(options=options, cache_dir=False)
     return Compiled(
-        program, {kernel.function_name: _asked(kernel) for kernel in program.all_kernels()}
+        program,
+        {kernel.function_name: _kernel_arguments(kernel) for kernel in program.all_kernels()},
     )
 
 
-def _asked(kernel: Any) -> Arguments:
+def _kernel_arguments(kernel: Any) -> Arguments:
     """Arguments of a kernel by its compiler; in the source they depend on defines and macros."""
     info, ask = cl.kernel_arg_info, kernel.get_arg_info
     # PoCL's headers rename arguments that have the name of a function of OpenCL C.

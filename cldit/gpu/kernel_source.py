@@ -26,9 +26,9 @@ def assemble(name: str, *, preamble: str = "") -> str:
     `#line` directives make the compiler's messages name the right file and line; `with_files`
     corrects a line number that a compiler has counted itself.
     """
-    seen: set[str] = set()
-    head = _expand(f"before {name}", preamble, seen) if preamble else []
-    return "\n".join(head + _expand(name, read_source(name), seen)) + "\n"
+    included_files: set[str] = set()
+    head = _expand(f"before {name}", preamble, included_files) if preamble else []
+    return "\n".join(head + _expand(name, read_source(name), included_files)) + "\n"
 
 
 def with_files(log: str, source: str) -> str:
@@ -47,8 +47,8 @@ def with_files(log: str, source: str) -> str:
     )
 
 
-def _expand(name: str, source: str, seen: set[str]) -> list[str]:
-    seen.add(name)
+def _expand(name: str, source: str, included_files: set[str]) -> list[str]:
+    included_files.add(name)
     out = [f'#line 1 "kernels/{name}"']
     for number, line in enumerate(source.splitlines(), start=1):
         match = _INCLUDE.match(line)
@@ -56,9 +56,9 @@ def _expand(name: str, source: str, seen: set[str]) -> list[str]:
             out.append(line)
             continue
         included = match.group(1)
-        if included not in seen:
+        if included not in included_files:
             try:
-                out += _expand(included, read_source(included), seen)
+                out += _expand(included, read_source(included), included_files)
             except KernelError as error:
                 raise KernelError(f"kernels/{name}:{number}: {error}") from error
         out.append(f'#line {number + 1} "kernels/{name}"')

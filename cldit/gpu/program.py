@@ -65,7 +65,7 @@ class Program:
     build_s: float
     build_core_s: float
     built: Compiled
-    _own: threading.local = field(default_factory=threading.local, repr=False, compare=False)
+    _thread: threading.local = field(default_factory=threading.local, repr=False, compare=False)
 
     @property
     def real(self) -> type[np.floating]:
@@ -161,7 +161,7 @@ class Program:
 
     def _kernel(self, name: str) -> tuple[Any, Signature]:
         """The kernel object of this thread (arguments stay set in it), and its signature."""
-        kernels: dict[str, tuple[Any, Signature]] = self._own.__dict__
+        kernels: dict[str, tuple[Any, Signature]] = self._thread.__dict__
         if name not in kernels:
             arguments, signatures = self.built.arguments, self.built.signatures
             if name not in arguments:

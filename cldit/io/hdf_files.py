@@ -25,7 +25,7 @@ def check_links(
     """Checks all external links of an open file and of the files that they lead to, which are
     returned; these must exist if `complete`. Raises FileError, which names the file.
     """
-    seen = {path.resolve()} if _seen is None else _seen
+    visited = {path.resolve()} if _seen is None else _seen
     targets: set[Path] = set()
     for name, link in _external(file, set()):
         target = _search(path, link.filename, "HDF5_EXT_PREFIX")
@@ -33,14 +33,14 @@ def check_links(
             raise FileError(
                 f"{path}: {name}: is a link to {path.parent / link.filename}, which is missing"
             )
-        if target is None or target.resolve() in seen:
+        if target is None or target.resolve() in visited:
             continue
         check_regular(target)
-        if len(seen) > _DEEPEST:
+        if len(visited) > _DEEPEST:
             raise FileError(f"{path}: more than {_DEEPEST} files are linked one to the other")
-        seen.add(target.resolve())
+        visited.add(target.resolve())
         with _opened(path, name, target) as linked:
-            targets |= {target} | check_links(target, linked, complete=complete, _seen=seen)
+            targets |= {target} | check_links(target, linked, complete=complete, _seen=visited)
     return targets
 
 
@@ -115,19 +115,19 @@ def _opened(path: Path, name: str, target: Path) -> Any:
         raise FileError(f"{path}: {name}: {target} cannot be read ({error})") from error
 
 
-def _external(group: Any, seen: set[Any]) -> Iterator[tuple[str, Any]]:
+def _external(group: Any, visited: set[Any]) -> Iterator[tuple[str, Any]]:
     """External links in a group and those below, with their names."""
     import h5py
 
-    seen.add(group.id)
+    visited.add(group.id)
     for key in group:
         link = group.get(key, getlink=True)
         if isinstance(link, h5py.ExternalLink):
             yield f"{group.name.rstrip('/')}/{key}", link
         elif isinstance(link, h5py.HardLink):
             item = group.get(key)
-            if isinstance(item, h5py.Group) and item.id not in seen:
-                yield from _external(item, seen)
+            if isinstance(item, h5py.Group) and item.id not in visited:
+                yield from _external(item, visited)
 
 
 def _source_file(path: Path, name: str, prefix: str, data: str) -> Path:
@@ -144,13 +144,13 @@ def _source_file(path: Path, name: str, prefix: str, data: str) -> Path:
 
 def _search(path: Path, name: str, prefix: str) -> Path | None:
     """The file that HDF5 opens under a name in a file; None if there is none."""
-    asked = Path(name)
-    below = Path(asked.name) if asked.is_absolute() else asked
+    stated_path = Path(name)
+    below = Path(stated_path.name) if stated_path.is_absolute() else stated_path
     file_folder = path.absolute().parent
     prefixes = os.environ.get(prefix, "").replace("${ORIGIN}", str(file_folder))
     folders = [part for part in prefixes.split(":") if part]
     places = [*(Path(folder) / below for folder in folders), file_folder / below, below]
     places.append(path.resolve().parent / below)
-    if asked.is_absolute():
-        places.insert(0, asked)
+    if stated_path.is_absolute():
+        places.insert(0, stated_path)
     return next((place for place in places if place.exists()), None)

@@ -53,14 +53,14 @@ class RunCache:
         folder = self.cache / "runs" / trace_key(scene)
         make_folder(folder.parent)
         with FileLock(folder.with_suffix(".lock")):
-            run = self._found(folder)
+            run = self._cached_run(folder)
             if run is None:
                 run = self._traced(scene, folder, device, spray, progress)
                 self.computed.append(scene.name)
                 self._prune(folder)
         return reevaluated(run, scene)
 
-    def _found(self, folder: Path) -> Run | None:
+    def _cached_run(self, folder: Path) -> Run | None:
         if not folder.is_dir():
             return None
         try:

@@ -94,11 +94,11 @@ class Ensemble:
             "mean_less_mean_light_K": self["apparent_temperature_mean_K"] - light,
             "mean_light_less_nominal_K": light - self["apparent_temperature_nominal_K"],
         }
-        seen = run.maps.has_temperature & (self["injections"] == self.members)
+        valid_everywhere = run.maps.has_temperature & (self["injections"] == self.members)
         return {
             name: float(np.sqrt(np.mean(image[valid].astype(float) ** 2)))
             for name, image in images.items()
-            if (valid := seen & np.isfinite(image)).any()
+            if (valid := valid_everywhere & np.isfinite(image)).any()
         }
 
 
@@ -120,11 +120,11 @@ class _Sums:
     def add(self, maps: Maps) -> None:
         """Adds one member."""
         emissivity = np.nan_to_num(maps.emissivity.astype(float))
-        known_K = maps.apparent_temperature_K.astype(float)
-        valid = has_temperature(maps.emissivity, known_K)
-        kelvin: Floats = np.where(valid, known_K, 0.0)
-        radiance = np.where(np.isfinite(known_K), emissivity, 0.0)
-        radiance[radiance != 0.0] *= self.curve.radiance(known_K[radiance != 0.0])
+        temperature_K = maps.apparent_temperature_K.astype(float)
+        valid = has_temperature(maps.emissivity, temperature_K)
+        kelvin: Floats = np.where(valid, temperature_K, 0.0)
+        radiance = np.where(np.isfinite(temperature_K), emissivity, 0.0)
+        radiance[radiance != 0.0] *= self.curve.radiance(temperature_K[radiance != 0.0])
         images = {
             "count": valid.astype(float),
             "K": kelvin,
@@ -171,11 +171,11 @@ class _Sums:
                 "emissivity_standard_error": np.sqrt(np.maximum(ee, 0.0) / n),
                 "injections": count,
             }
-        seen = np.isfinite(maps.emissivity)
+        visible = np.isfinite(maps.emissivity)
         return Ensemble(
             members,
             {
-                name: np.where(seen, image, np.nan).astype(np.float32)
+                name: np.where(visible, image, np.nan).astype(np.float32)
                 for name, image in images.items()
             },
         )

@@ -29,11 +29,11 @@ def exposed(scene: Scene) -> bool:
         "instant": (model,),
     }[camera.exposure]
     if model not in allowed:
-        lack = "no times between those of its files" if model == "cfd" else "no velocities"
-        lack = "neither times nor velocities" if model in ("grid", "none") else lack
+        reason = "no times between those of its files" if model == "cfd" else "no velocities"
+        reason = "neither times nor velocities" if model in ("grid", "none") else reason
         alternative = {"cone": "times", "cfd": "smear"}.get(model, "instant")
         raise SceneError(
-            f"camera.exposure: {camera.exposure} with spray.model {model}, which has {lack}; "
+            f"camera.exposure: {camera.exposure} with spray.model {model}, which has {reason}; "
             f"allowed: {alternative}"
         )
     return camera.exposure == "times"

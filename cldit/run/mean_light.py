@@ -74,9 +74,9 @@ class MeanLight:
                 f"{label} have different wavelengths: their mean is exact for a background of "
                 f"{at_K:g} K, and approximate for others"
             )
-        seen = (tuple(spectral), reference)
-        sensor = sensor_of(scene, quadrature, seen)
-        maps = evaluated(scene, quadrature, *seen, sensor)
+        evaluated_weights = (tuple(spectral), reference)
+        sensor = sensor_of(scene, quadrature, evaluated_weights)
+        maps = evaluated(scene, quadrature, *evaluated_weights, sensor)
         recorded = [image for image in rays if image is not None]
         complete = len(recorded) == len(rays)
         number = np.asarray(np.mean(recorded, axis=0), np.float32) if complete else None

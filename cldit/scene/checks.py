@@ -34,13 +34,13 @@ class Section(BaseModel):
     def __setattr__(self, name: str, value: Any) -> None:
         raise SceneError(
             f"{name}: {type(self).__name__} does not change; make another: "
-            + (self._other(name, value) or f'model_copy(update={{"{name}": {value!r}}})')
+            + (self._replacement(name, value) or f'model_copy(update={{"{name}": {value!r}}})')
         )
 
     def __delattr__(self, name: str) -> None:
         raise SceneError(f"{name}: {type(self).__name__} does not change")
 
-    def _other(self, name: str, value: Any) -> str:
+    def _replacement(self, name: str, value: Any) -> str:
         """Expression of another scene with this value; empty if this is no part of a scene."""
         from cldit.scene.schema import Scene  # which is made of sections
 

@@ -110,9 +110,9 @@ def member(scene: "Scene", number: int) -> "Scene":
         ) from error
 
 
-def _turned(plume: dict[str, Any], away_deg: float, aside_deg: float) -> dict[str, float]:
+def _turned(plume: dict[str, Any], outward_deg: float, aside_deg: float) -> dict[str, float]:
     """Angles of a plume that is turned in the plane of the injector's axis, and across it."""
-    if away_deg == aside_deg == 0.0:
+    if outward_deg == aside_deg == 0.0:
         return {}
     tilt, turn = (math.radians(plume[key]) for key in ("inclination_deg", "azimuth_deg"))
     # Unit vectors of the plume, and along rising inclination and azimuth
@@ -121,7 +121,7 @@ def _turned(plume: dict[str, Any], away_deg: float, aside_deg: float) -> dict[st
     along = math.sin(tilt) * radial + math.cos(tilt) * down
     outward = math.cos(tilt) * radial - math.sin(tilt) * down
     aside = np.array([-math.sin(turn), math.cos(turn), 0.0])
-    x, y, z = along + math.radians(away_deg) * outward + math.radians(aside_deg) * aside
+    x, y, z = along + math.radians(outward_deg) * outward + math.radians(aside_deg) * aside
     return {
         "inclination_deg": math.degrees(math.atan2(math.hypot(x, y), -z)),
         "azimuth_deg": math.degrees(math.atan2(y, x)),

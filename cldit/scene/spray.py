@@ -222,7 +222,7 @@ class Sector(Section):
 
     @field_validator("angle_deg")
     @classmethod
-    def _whole(cls, angle_deg: float) -> float:
+    def _divides_circle(cls, angle_deg: float) -> float:
         copies = 360.0 / angle_deg
         if abs(copies - round(copies)) > 1e-3 * copies:
             raise ValueError(f"{angle_deg:g} degrees do not divide 360")

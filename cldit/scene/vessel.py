@@ -151,8 +151,8 @@ class Window(Section):
             wavelengths = sorted({um for curve in curves for um, _ in curve})
             total = np.zeros(len(wavelengths))
             for curve in curves:
-                known_um, share = np.array(curve, float).T
-                total += np.interp(np.array(wavelengths), known_um, share, left=0.0, right=0.0)
+                node_um, share = np.array(curve, float).T
+                total += np.interp(np.array(wavelengths), node_um, share, left=0.0, right=0.0)
             if np.max(total) > 1.0 + 1e-6:
                 raise ValueError(
                     f"{self.side} window: transmission and reflection add up to "

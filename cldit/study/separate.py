@@ -23,7 +23,7 @@ from cldit.radiance.weights import Weights
 from cldit.run import Run, Say, open_run, simulate
 from cldit.run.ensemble import member_folder
 from cldit.scene import Scene
-from cldit.scene.delays import alone, delay_folder, scene_at, spray_time_s
+from cldit.scene.delays import delay_folder, scene_at, spray_time_s, without_delays
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def separate(
     for delay_s in delays_s or (None,):
         models = []
         for name, scene in (("one", one), ("other", other)):
-            at = alone(scene if delay_s is None else scene_at(scene, delay_s))
+            at = without_delays(scene if delay_s is None else scene_at(scene, delay_s))
             place = folder / name / ("" if delay_s is None else delay_folder(delay_s))
             run = simulate(at, place, device=device, progress=progress)
             count = 0 if run.ensemble is None else run.ensemble.members
