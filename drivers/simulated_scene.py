@@ -23,7 +23,7 @@ from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.run.ensemble import member_folder
-from cldit.run.folder import node_folders
+from cldit.run.stored_files import node_folders
 from cldit.scene import Scene, load_scene
 from cldit.scene.checks import Section, Within
 from cldit.scene.delays import SAME_s, delay_text, spray_time_s

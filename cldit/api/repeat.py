@@ -16,7 +16,7 @@ from cldit.gpu.device import Device
 from cldit.io.files import read_text
 from cldit.io.origin import FileRead
 from cldit.run import Run, Say, open_run, simulate
-from cldit.run.folder import SCENE_FILE
+from cldit.run.stored_files import SCENE_FILE
 from cldit.scene import dump_scene
 
 

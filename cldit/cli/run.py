@@ -41,8 +41,9 @@ from cldit.cli.results import (
 from cldit.errors import SceneError
 from cldit.io.extras import install_line
 from cldit.run import Run, simulate
-from cldit.run.folder import SCENE_FILE, free_folder
+from cldit.run.folder import free_folder
 from cldit.run.series_plan import SERIES_FILE
+from cldit.run.stored_files import SCENE_FILE
 from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
@@ -250,7 +251,7 @@ def _data(result: Run) -> dict[str, Any]:
         if evaluated is not None
     }
     statistics = result.ensemble
-    ensemble = statistics and {"members": statistics.members, **statistics.figures(result)}
+    ensemble = statistics and {"members": statistics.members, **statistics.figures(result.maps)}
     return {"name": result.scene.name, "folder": result.folder, "pixels": pixels,
             "ensemble": ensemble, **result.info.to_dict()}  # fmt: skip
 
@@ -322,7 +323,7 @@ def _print_run(result: Run, suffix: str | None) -> None:
     """Prints the result: maps, error, reach of the spray, files and the next command."""
     print_maps(result.maps if result.measured is None else result.measured)
     if result.ensemble is not None:
-        OUT.print(f"{result.ensemble.members} injections, {result.ensemble.text(result)}")
+        OUT.print(f"{result.ensemble.members} injections, {result.ensemble.text(result.maps)}")
     if result.errors is not None:
         print_error(result.errors)
     elif result.info.accuracy_K is not None:

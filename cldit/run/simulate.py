@@ -28,9 +28,9 @@ from cldit.radiance.point_spread import blur_of
 from cldit.run.content import trace_content
 from cldit.run.ensemble import UNSTATED, ensemble_run
 from cldit.run.exposure import exposed, exposed_run
-from cldit.run.folder import save_run, stored_run
+from cldit.run.folder import stored_run
 from cldit.run.record import run_info
-from cldit.run.result import Run
+from cldit.run.result import Run, save_run
 from cldit.run.spectral import Difference
 from cldit.run.trusted import open_device
 from cldit.scene import Scene

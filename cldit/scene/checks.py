@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import (
     AfterValidator,
@@ -20,8 +20,11 @@ from cldit.errors import SceneError
 class Section(BaseModel):
     """Base of every section of a scene, rig or plan file: frozen, with unknown keys refused.
 
-    The string below a key is its description in the reference and in editors.
+    The string below a key is its description in the reference and in editors. scene_type: the type
+    that contains all sections of a scene, which `cldit.scene.schema` sets.
     """
+
+    scene_type: ClassVar[type[BaseModel] | None] = None
 
     model_config = ConfigDict(
         frozen=True,
@@ -42,9 +45,7 @@ class Section(BaseModel):
 
     def _replacement(self, name: str, value: Any) -> str:
         """Expression of another scene with this value; empty if this is no part of a scene."""
-        from cldit.scene.schema import Scene  # which is made of sections
-
-        path = _path_of(type(self), Scene)
+        path = None if self.scene_type is None else _path_of(type(self), self.scene_type)
         key = name if path == "" else f"{path}.{name}"
         return "" if path is None else f'scene.with_(**{{"{key}": {value!r}}})'
 

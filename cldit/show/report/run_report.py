@@ -94,7 +94,7 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
         yield "emissivity_errors", shown, caption.format("errors/emissivity/")
     if run.ensemble is not None:
         panels, title = injections_panels(run.ensemble), f"{run.ensemble.members} injections"
-        caption = f"Differences between injections; {run.ensemble.text(run)}."
+        caption = f"Differences between injections; {run.ensemble.text(run.maps)}."
         yield "injections", drawn(panels, title), caption
     if run.info.spectral is not None and run.info.spectral.errors_K:
         chosen, title = len(run.info.spectral.nodes), f"{name}: error against number of wavelengths"

@@ -113,7 +113,7 @@ def test_equal_injections_have_no_deviation(scene: Scene, made: Run) -> None:
         one.maps.apparent_temperature_K, abs=1e-3, nan_ok=True
     )
     assert run.ensemble is not None
-    figures = run.ensemble.figures(run)
+    figures = run.ensemble.figures(run.maps)
     assert figures and max(figures.values()) < 5e-3
 
 
