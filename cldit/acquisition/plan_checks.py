@@ -4,13 +4,13 @@ from collections.abc import Callable
 from functools import partial
 
 from cldit.acquisition.plan import Plan, Shot
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.rig.checks import check_burst, check_exposure
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.errors import ConfigRejected, OutOfLimits, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Limits, TriggerInfo, TriggerMode
 from cldit.scene.delays import SAME_s, delay_text
-from cldit.scene.values import ZERO_CELSIUS_K
 
 
 def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 from cldit.cfd.mapping.file import without_unit
+from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
 from cldit.scene.spray import CfdSpray
 
 # Lower case, letters and digits alone, without the unit; the likeliest first.
@@ -76,7 +77,6 @@ _FUELS = {
     "NC8H18": "n-octane",
     "CH4": "methane",
 }
-_HEPTANE_KG_MOL = 0.100204
 # Relative difference of molar masses below which fuels are the same: rounded masses of atoms
 # change them by some 0.2 %, neighbours in the series of alkanes by 14 % (C7 and C8) to 5 % (C20).
 SAME_MOLAR_MASS = 0.01
@@ -120,6 +120,6 @@ def is_liquid(name: str) -> bool:
 def fuel_of(spec: CfdSpray) -> str:
     """Name of the fuel by `fuel_field`, which n-heptane's molar mass replaces."""
     name = formula(spec.fuel_field)
-    heptane = abs(spec.fuel_molar_mass_kg_mol / _HEPTANE_KG_MOL - 1.0) < SAME_MOLAR_MASS
+    heptane = abs(spec.fuel_molar_mass_kg_mol / HEPTANE_MOLAR_MASS_kg_mol - 1.0) < SAME_MOLAR_MASS
     formula_match = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
     return _FUELS.get(name, "n-heptane" if heptane and not formula_match else spec.fuel_field)

@@ -8,10 +8,9 @@ from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.names import formula, fuel_of, is_liquid, molar_mass_kg_mol, species_in
-from cldit.constants import STANDARD_ATMOSPHERE_Pa
+from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.scene.values import ZERO_CELSIUS_K
 
 _MOST_KG = {"liquid": 0.01, "vapour": 0.1}  # an injection has milligrams, a large engine's grams
 _LONGEST_m = 1.0  # of a penetration: chambers and engines are shorter

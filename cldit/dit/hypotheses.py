@@ -11,8 +11,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from cldit.arrays import Floats, Mask
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.dit.witness.patterns import Patterns
-from cldit.scene.values import ZERO_CELSIUS_K
 
 _CHANCE = 1e-4  # probability of a larger chi-square, up to which a cause fits
 _REMAINING = 0.01  # of chi-square without a cause: a tenth of the deviations remains

@@ -22,13 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Filter, cut, edges_um
 
 if TYPE_CHECKING:  # half of a second, for tables that few processes make
     from scipy.interpolate import CubicHermiteSpline
-
-LIGHT_SPEED_m_s = 299792458.0  # exact in the SI
-SECOND_RADIATION_CONSTANT_m_K = 6.62607015e-34 * 299792458.0 / 1.380649e-23  # h c / k, exact
 
 _REACH = 50.0  # in x beyond the long edge: exp(-50) = 2e-22 of the integrand is left
 _CHUNK = 1 << 16  # temperatures at a time: at up to 49 nodes each array has 26 MB

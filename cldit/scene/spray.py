@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
 from cldit.scene.checks import Section, Within, length
 from cldit.scene.sizes import Droplets, NukiyamaTanasawa
 from cldit.scene.values import Angle, CaseTime, Direction, Fraction, Length, Point
@@ -303,7 +304,7 @@ class CfdSpray(Section):
     """Mesh region, for OpenFOAM cases with several."""
     fuel_field: str = "C7H16"
     """Cell field of the fuel's mass fraction."""
-    fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
+    fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = HEPTANE_MOLAR_MASS_kg_mol
     """Molar mass of the fuel. Default: by the formula in `fuel_field`."""
     cloud: str | None = None
     """Name of the parcel cloud, for cases with several; `none`: gas only."""

@@ -12,8 +12,6 @@ from cldit.scene.checks import Within, length
 from cldit.scene.curves import FREQUENCY, WAVELENGTH, Axis, Curve, check_curve, read_curve
 from cldit.scene.point_samples import Samples, check_samples, read_samples
 
-ZERO_CELSIUS_K = 273.15
-
 Length = Annotated[float, Within(1e-6, 100.0)]
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
 Temperature = Annotated[float, Within(0.0, 5000.0)]

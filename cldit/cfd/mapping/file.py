@@ -7,6 +7,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.io.plain_data import read_mapping
 from cldit.scene.checks import Section, describe
@@ -16,7 +17,14 @@ from cldit.scene.spray import Check
 _PLAIN = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "volume": {"m3": 1.0, "l": 1e-3, "cm3": 1e-6, "mm3": 1e-9},
-    "pressure": {"Pa": 1, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "atm": 101325, "Pa absolute": 1},
+    "pressure": {
+        "Pa": 1,
+        "kPa": 1e3,
+        "MPa": 1e6,
+        "bar": 1e5,
+        "atm": STANDARD_ATMOSPHERE_Pa,
+        "Pa absolute": 1,
+    },
     "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},
     "fraction": {"1": 1.0, "%": 1e-2, "mol/mol": 1.0},
     "count": {"1": 1.0},
@@ -26,7 +34,9 @@ _PLAIN = {
 }
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
     kind: {unit: (factor, 0.0) for unit, factor in units.items()} for kind, units in _PLAIN.items()
-} | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
+} | {
+    "temperature": {"K": (1.0, 0.0), "degC": (1.0, ZERO_CELSIUS_K), "degF": (5 / 9, 459.67 * 5 / 9)}
+}
 
 
 # by the powers of kg, m, s, K, and one that is 0 (OpenFOAM: kmol, CGNS: degree)

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from cldit.arrays import Floats
 from cldit.constants import GAS_CONSTANT_J_mol_K
 
-HEPTANE_MOLAR_MASS_kg_mol = 0.100204
 HEPTANE_CRITICAL_K = 540.20
 HEPTANE_CRITICAL_Pa = 2.74e6
 HEPTANE_BOILING_K = 371.58

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats, Ints
-from cldit.constants import GAS_CONSTANT_J_mol_K
+from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     NITROGEN,
     HEPTANE_CRITICAL_Pa,
-    HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,

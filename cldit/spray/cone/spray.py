@@ -21,14 +21,11 @@ from __future__ import annotations
 import numpy as np
 
 from cldit.arrays import Floats, Ints
-from cldit.constants import AVOGADRO_PER_MOL
+from cldit.constants import AVOGADRO_PER_MOL, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
-from cldit.spray.cone.fluid_properties import (
-    HEPTANE_MOLAR_MASS_kg_mol,
-    heptane_density_kg_m3,
-)
+from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
 from cldit.gpu.device import Device
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
@@ -21,7 +22,6 @@ from cldit.spray.cone.fluid_properties import (
     NITROGEN,
     NITROGEN_DIFFUSION_VOLUME,
     HEPTANE_CRITICAL_Pa,
-    HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_latent_heat_J_kg,
     heptane_liquid_conductivity_W_m_K,

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cldit.constants import GAS_CONSTANT_J_mol_K
+from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
     NITROGEN,
-    HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,
