@@ -35,6 +35,8 @@ from cldit.show.figures.curves import design_figure
 from cldit.show.figures.style import write_figure
 from cldit.study.separate import separate as separations_of
 
+# Temperatures of opaque sprays whose errors are reported: from that of a room to some 50 K above
+# the boiling point of n-heptane, 372 K.
 _OPAQUE_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
 

@@ -40,7 +40,7 @@ def budget_scene(name: str, *, pixels: int, folder: Path, seed: int = 1, draws: 
     return parse_scene(scene)
 
 
-_PARCELS, _LIQUID_kg, _VOXEL_m = 20_000, 1.0e-6, 1e-3
+_PARCELS, _LIQUID_kg, _VOXEL_m = 20_000, 1.0e-6, 1e-3  # of the imported case
 
 
 def _imported(folder: Path, seed: int, draws: int) -> dict[str, Any]:

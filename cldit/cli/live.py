@@ -25,9 +25,9 @@ PAGE = "live.html"
 _PAUSE_s = 1.0  # between two pages, at least
 _REST = 9.0  # times the writing time of a page: at most a tenth of a core
 _BEAT_s = 5.0  # longest time without a page: its age is shown
-_NICENESS = 5  # the recording has priority
+_NICENESS = 5  # a third of a normal process's share of a core: the recording has priority
 _SPARE_bytes = 50_000_000  # of the disk, beside what the recording still needs
-_CLOSING_s = 10.0
+_CLOSING_s = 10.0  # for the last page; a process that takes longer is killed
 _SERVE = "from cldit.cli.live import serve; serve()"
 
 

@@ -19,7 +19,7 @@ import platformdirs
 from cldit.errors import FileError
 
 _LOG = logging.getLogger("cldit")
-_PROBE_BYTES = 4096  # a full disk has room for a name, not for content
+_PROBE_BYTES = 4096  # a block of a file system: a full disk has room for a name, not for it
 _POCL_BYTES = 4_000_000  # of a scene's kernels, several times over
 
 

@@ -16,7 +16,7 @@ from cldit.io.files import check_regular
 
 _ITSELF = "."
 _BLOCK = "%b"  # in names of sources: a number, from 0 as far as there are files
-_DEEPEST = 20  # sources of sources, links to links
+_DEEPEST = 20  # files in a chain of sources or links; a longer one is taken for a circle
 
 
 def check_links(

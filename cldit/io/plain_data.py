@@ -20,7 +20,7 @@ except ImportError:
     from yaml import SafeLoader  # type: ignore[assignment]
 
 _MOST_DEPTH = 100  # of nested lists and mappings; no file of cldit needs ten
-_MOST_ALIASED = 100_000  # values that aliases repeat in total
+_MOST_ALIASED = 100_000  # values that aliases repeat: some 10 MB, at 100 bytes of Python each
 _TAGS = frozenset(
     f"tag:yaml.org,2002:{name}"
     for name in ("str", "int", "float", "bool", "null", "seq", "map", "merge")

@@ -65,7 +65,7 @@ Problem = Callable[[Device], Any]  # an image, or None
 
 _LAUNCHES = 2  # of each variant of a kernel
 _SCRATCH = "rays"  # of sweep.cl: its layout depends on the device
-_ROUNDING = {"float32": 2e-5, "float64": 5e-6}
+_ROUNDING = {"float32": 2e-5, "float64": 5e-6}  # this and the next three: see above
 _GAS = 3e-4  # of a spray in single precision; of the first launches
 _STEPS = 2e-2  # of droplets in single precision
 _SAMPLED = {
@@ -75,7 +75,7 @@ _SAMPLED = {
     "image": 2e-3,
 }
 _LONG = 70_000  # rounds: llvmpipe ends loops after 65,535
-_EDGE_M, _CELLS = 0.16, 16
+_EDGE_M, _CELLS = 0.16, 16  # of the cube of the octree: cells of 10 mm
 
 
 class _Differs(Exception):

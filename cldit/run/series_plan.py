@@ -15,7 +15,7 @@ Times = str | Sequence[float | str]
 
 _ALLOWED = "`all`, times as 0.5ms,1ms, or numbers in order as ::5"
 _TIMES = TypeAdapter(list[CaseTime])
-_UNIT_s = 1.0  # times of a case that reach so far are no seconds, but degrees of crank angle
+_UNIT_s = 1.0  # injections last milliseconds: such times are degrees of crank angle
 
 SERIES_FILE = "series.yaml"
 """The scene of a series, in its folder."""

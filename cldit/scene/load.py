@@ -14,8 +14,8 @@ from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
 _FORMER = {"gdi-flow": "gdi"}  # names of shipped scenes in older versions
-_QUICK_PIXELS = 128  # along the longer side
-_QUICK_K = 4.0
+_QUICK_PIXELS = 128  # of a preview, along the longer side
+_QUICK_K = 4.0  # tolerance of T_app of a preview, four times the default
 
 
 def shipped_scenes() -> dict[str, str]:

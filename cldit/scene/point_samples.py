@@ -9,7 +9,7 @@ from cldit.io.images import read_image
 from cldit.io.text_tables import number_table, read_table_text
 
 Samples = tuple[tuple[float, ...], ...]
-_MOST = 129  # samples along a side
+_MOST = 129  # samples along a side: 64 on either side of the middle
 
 
 def read_samples(path: Path) -> Samples:

@@ -57,7 +57,7 @@ def time_of(quantity: str) -> float:
         raise ValueError(f"{quantity!r} is no number") from error
 
 
-_SHIFT = {"": 0, "s": 0, "ms": -3, "us": -6}
+_SHIFT = {"": 0, "s": 0, "ms": -3, "us": -6}  # powers of ten
 
 
 def _case_time(value: object) -> object:

@@ -356,13 +356,13 @@ def _labelled(spray: Spray) -> xarray.Dataset:
         variables["vapour_number_density_m3"] = ("cell", density, _units("number density", "m-3"))
         warm = _units("temperature of the gas", "K") | {"standard_name": "air_temperature"}
         variables["vapour_temperature_K"] = ("cell", vapour.temperature_K, warm)
-    if (given := spray.prescribed) is not None:
+    if (prescribed := spray.prescribed) is not None:
         for name in ("vapour_absorption", "droplet_absorption", "droplet_scattering"):
-            values = getattr(given, f"{name}_per_m")
+            values = getattr(prescribed, f"{name}_per_m")
             variables[f"{name}_per_m"] = ("cell", values, _units(name.replace("_", ": "), "m-1"))
         for name in ("vapour_temperature_K", "droplet_temperature_K"):
             about = _units(f"temperature of the {name.partition('_')[0]}", "K")
-            variables[name] = ("cell", getattr(given, name), about)
+            variables[name] = ("cell", getattr(prescribed, name), about)
     attrs: dict[str, Any] = {"Conventions": "CF-1.11", "title": "cldit: spray", **spray.notes}
     if spray.vapour is not None:
         attrs["vapour_molar_mass_kg_mol"] = spray.vapour.molar_mass_kg_mol
