@@ -181,8 +181,8 @@ class Plan(Section):
         }
 
         def place(group: Group) -> str:
-            many = (("f", group.filter, self.filters), ("d", group.delay, self.delays))
-            return "".join(f"{key}{at:02d}_" for key, at, values in many if len(values) > 1)
+            indices = (("f", group.filter, self.filters), ("d", group.delay, self.delays))
+            return "".join(f"{key}{at:02d}_" for key, at, values in indices if len(values) > 1)
 
         return tuple(
             Shot(

@@ -183,8 +183,8 @@ class Sequence:
                     if kept and shot.kind == "reference":  # of an earlier run
                         image, _ = load_shot(self._folder, shot.id, plan_hash=self._plan.hash())
                         references.learn(shot, image)
-                here = [shot for shot in missing if shot.background == background]
-                for shot in self._plan.from_filter(here, self._filter):
+                of_background = [shot for shot in missing if shot.background == background]
+                for shot in self._plan.from_filter(of_background, self._filter):
                     saved = self._shoot(journal, shooter, shot)
                     if shot.kind == "reference":
                         references.learn(shot, saved.image)

@@ -149,8 +149,8 @@ def _shows(model: Run, group: DelayEvaluation, evaluations: tuple[DelayEvaluatio
     filter_um = group.evaluation.calibration.filter_um
     if group.filter_name is not None and filter_um != model.quadrature.filter_um:
         return False
-    alone = len({item.delay_s for item in evaluations}) == 1
-    return alone or same_time(spray_time_s(model.scene), group.delay_s)
+    one_delay = len({item.delay_s for item in evaluations}) == 1
+    return one_delay or same_time(spray_time_s(model.scene), group.delay_s)
 
 
 def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:

@@ -178,18 +178,18 @@ def check_by_miepython(*, n: float, k: float, largest_x: float) -> None:
     x = np.geomspace(1.0, min(max(largest_x, 1.0), 100.0), 5)
     solved = mie.efficiencies(n=n, k=k, x=x)
     extinction, scattering, _, asymmetry = miepython.efficiencies_mx(complex(n, -k), x)
-    for name, cldits, second in (
+    for name, values, reference in (
         ("Q_ext", solved.extinction, extinction),
         ("Q_sca", solved.scattering, scattering),
         ("g Q_sca", solved.asymmetry * solved.scattering, asymmetry * scattering),
     ):
-        apart = np.abs(cldits - second) / np.maximum(extinction, np.abs(second))
-        if not np.all(apart <= _SECOND_PROGRAM):
-            worst = int(np.argmax(apart))
+        difference = np.abs(values - reference) / np.maximum(extinction, np.abs(reference))
+        if not np.all(difference <= _SECOND_PROGRAM):
+            worst = int(np.argmax(difference))
             raise DropletError(
-                f"Mie: {name} at x = {x[worst]:.3g}, m = {n:g} - {k:g}i is {cldits[worst]:.8g}, by "
-                f"miepython {second[worst]:.8g}; allowed: {_SECOND_PROGRAM:g} apart. Is NumPy or "
-                "miepython damaged?"
+                f"Mie: {name} at x = {x[worst]:.3g}, m = {n:g} - {k:g}i is {values[worst]:.8g}, by "
+                f"miepython {reference[worst]:.8g}; allowed: {_SECOND_PROGRAM:g} apart. Is NumPy "
+                "or miepython damaged?"
             )
 
 

@@ -201,12 +201,12 @@ class SpectralFilter(Section):
             camera: the camera's configuration, with `calibration` and `integration_time_s`.
         """
         scale = camera["integration_time_s"] / self.integration_time_s
-        own = {
+        of_filter = {
             "filter_um": self.filter_um,
             "counts_per_radiance": scale * self.counts_per_radiance,
             **({} if self.offset_counts is None else {"offset_counts": self.offset_counts}),
         }
-        return Calibration.from_dict({**camera["calibration"], **own}).to_dict()
+        return Calibration.from_dict({**camera["calibration"], **of_filter}).to_dict()
 
 
 def _distinct(filters: tuple[SpectralFilter, ...]) -> tuple[SpectralFilter, ...]:

@@ -22,8 +22,11 @@ _ANSWER_s, _LATE_s, _MANY = 0.1, 0.15, 10**9
 def visits(wheel: FilterWheel, allowed: Allowed) -> None:
     """Checks that it moves to every filter, reads it back, and stays for a second request."""
     stored = wheel.read_configuration()["filters"]
-    known = tuple(SpectralFilter.model_validate(item) for item in stored)
-    expect(known == wheel.filters, f"the configuration has {known}, `filters` {wheel.filters}")
+    configured = tuple(SpectralFilter.model_validate(item) for item in stored)
+    expect(
+        configured == wheel.filters,
+        f"the configuration has {configured}, `filters` {wheel.filters}",
+    )
     for item in (*wheel.filters, wheel.filters[0], wheel.filters[0]):
         wheel.move(item.name)
         got = wheel.read_filter()
@@ -62,7 +65,7 @@ class WheelSide:
 
 def wheel_steps(device: FilterWheel, side: WheelSide | None = None) -> list[Step]:
     """Session with a wheel of two filters or more; without `side` its state is not compared."""
-    first, second = (item.name for item in device.filters[:2])
+    start, target = (item.name for item in device.filters[:2])
 
     def there(name: str) -> Callable[[Any], bool]:
         return lambda _: side is None or side.filter() == name
@@ -72,9 +75,9 @@ def wheel_steps(device: FilterWheel, side: WheelSide | None = None) -> list[Step
 
     return [
         Step("configuration", device.read_configuration, bool),
-        Step("move", lambda: device.move(second), there(second)),
+        Step("move", lambda: device.move(target), there(target)),
         Step("filter", device.read_filter, right),
-        Step("move back", lambda: device.move(first), there(first)),
+        Step("move back", lambda: device.move(start), there(start)),
         Step("filter again", device.read_filter, right),
     ]
 
@@ -89,11 +92,11 @@ def _side(bed: Bed) -> WheelSide:
 def sticks(bed: Bed, allowed: Allowed) -> None:
     """Checks that a move that does not happen raises DeviceTimeout with both positions."""
     side, wheel = _side(bed), bed.device
-    first, second = wheel.filters[:2]
-    wheel.move(first.name)
+    start, target = wheel.filters[:2]
+    wheel.move(start.name)
     side.stick()
-    error = refuses(lambda: wheel.move(second.name), DeviceTimeout, "move of a stuck wheel")
-    for part in (str(first.position), str(second.position), second.name):
+    error = refuses(lambda: wheel.move(target.name), DeviceTimeout, "move of a stuck wheel")
+    for part in (str(start.position), str(target.position), target.name):
         expect(part in str(error), f"{error}; expected {part!r} in it")
     got = wheel.read_filter()
     expect(got == side.filter(), f"reads {got}, but {side.filter()} is in front of the camera")
@@ -134,11 +137,11 @@ def check_spoiled(make: Make, settings: Mapping[str, Any] | None = None) -> int:
                 wheel, replies, side = bed.device, bed.replies, _side(bed)
                 assert replies is not None
                 wheel.connect()
-                first, second = (item.name for item in wheel.filters[:2])
-                wheel.move(first)
+                start, target = (item.name for item in wheel.filters[:2])
+                wheel.move(start)
                 replies.spoil(fault, replies.sent + 1, last=_MANY, late_s=_LATE_s)
                 text = f"{called} with every answer: {fault}"
-                refuses(partial(call, wheel, second), RigError, text)
+                refuses(partial(call, wheel, target), RigError, text)
                 replies.heal()
                 wheel.connect()
                 got = wheel.read_filter()

@@ -50,7 +50,7 @@ class Medium:
         """Medium of the wavelength with most of the light."""
         medium = rebuilt(run, device, default_cache())
         fields, frame = CellFields.of(medium, run.quadrature, device), medium.tree.frame
-        leaf = np.full((frame.cells,) * 3, -1, np.int32)
+        leaf = np.full((frame.cells,) * 3, -1)
         leaves = fields.leaves
         for number, (corner, edge) in enumerate(zip(leaves.corner, leaves.edge, strict=True)):
             x, y, z = corner
@@ -83,8 +83,8 @@ class Line:
     @property
     def depth(self) -> Floats:
         """Optical depth between the camera and the middle of each step."""
-        each = self.fields["extinction_per_m"].astype(float) * self.step_m
-        return np.cumsum(each) - 0.5 * each
+        depth = self.fields["extinction_per_m"].astype(float) * self.step_m
+        return np.asarray(np.cumsum(depth) - 0.5 * depth)
 
     @property
     def light(self) -> Floats:
@@ -92,7 +92,7 @@ class Line:
         extinction = self.fields["extinction_per_m"].astype(float)
         source = self.fields["source_function_photons_per_s_m2_sr"]
         light = np.exp(-self.depth) * extinction * source
-        return light / light.sum() if light.sum() else light
+        return np.asarray(light / light.sum() if light.sum() else light)
 
     @property
     def half_light_m(self) -> float:
@@ -106,7 +106,7 @@ class Line:
     @property
     def visibility(self) -> Floats:
         """Absorption, and so emission, that the camera sees: e^-depth times absorption, by step."""
-        return np.exp(-self.depth) * self.absorption_per_m
+        return np.asarray(np.exp(-self.depth) * self.absorption_per_m)
 
     @property
     def absorption_per_m(self) -> Floats:

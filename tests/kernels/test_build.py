@@ -101,7 +101,7 @@ def test_a_program_is_compiled_under_a_lock(
     monkeypatch.setattr(compilation, "_from_source", watched)
     monkeypatch.setattr(compilation, "default_cache", lambda: tmp_path)
     defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}
-    build(device, "count.cl", defines, before="#define LOCKED 1")
+    build(device, "count.cl", defines, preamble="#define LOCKED 1")
     [lock] = tmp_path.rglob("*.lock")
     with FileLock(lock, timeout=0):
         pass

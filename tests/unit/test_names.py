@@ -37,7 +37,7 @@ FINISHED: dict[str, str] = {
     "medium": "first last whole",
     "optics": "near",
     "prepare": "made text",
-    "radiance": "around",
+    "radiance": "",
     "rig": "",
     "run": "wanted",  # of `cldit.opencl_device`
     "scene": "",

@@ -9,6 +9,7 @@ import numpy as np
 
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import Entry, shot_times
+from cldit.acquisition.plan import Group
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.dit.drift_axis import drift_axis
 from cldit.rig.load import open_rig
@@ -47,7 +48,7 @@ def test_each_delay_has_its_own_times(
     opened = open_acquisition(tmp_path / "a")
     since = []
     for delay in range(3):
-        shots = opened.at_delay(delay).shots
+        shots = opened.of_group(Group(delay=delay)).shots
         axis = drift_axis(shots)
         assert "drift fitted against time" in axis.text
         here = [
