@@ -112,8 +112,8 @@ def licence(name: str) -> tuple[str, str]:
         data = distribution(name).metadata
     except PackageNotFoundError:
         return "not installed", f"{BY_FILE[name]} *"
-    expression = data.get("License-Expression")
-    return data["Version"], expression or f"{BY_FILE[name]} *"
+    stated = data.get_all("License-Expression")
+    return data["Version"], stated[0] if stated else f"{BY_FILE[name]} *"
 
 
 def licences_page(date: str) -> str:
