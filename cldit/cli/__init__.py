@@ -21,8 +21,7 @@ _COMMANDS = {
     "view": "cldit.cli.show:view_command",
     "study": "cldit.cli.study:study",
 }
-# Work as before, and are not listed: names of earlier versions, which say what replaces them, and
-# the benchmark of docs/benchmarks/budget.md.
+# Names of earlier versions, which say what replaces them, and the benchmark of developers.
 _UNLISTED = {
     "repeat": "cldit.cli.compare:repeat_command",
     "diff": "cldit.cli.compare:diff",

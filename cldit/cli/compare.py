@@ -1,6 +1,7 @@
 """`cldit compare`: differences of results, in kelvin."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -20,9 +21,7 @@ from cldit.run.trusted import open_device
 @click.argument("baseline", metavar="ONE", type=PATH)
 @click.argument("compared", metavar="[OTHERS]...", nargs=-1, type=PATH)
 @click.option("--repeat", "again", is_flag=True, help="Compute the run ONE again; compare both.")
-@click.option(
-    "--changed-inputs", is_flag=True, help="With --repeat: also if inputs are missing or changed."
-)
+@click.option("--changed-inputs", is_flag=True, help="Repeat also with other or missing inputs.")
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
 @click.option(
     "--align",
@@ -37,9 +36,7 @@ from cldit.run.trusted import open_device
     metavar="NAME=RUN",
     help="Run with one quantity changed by its spread, an error that simulations share.",
 )
-@click.option(
-    "--out", type=PATH, help="Folder of a page, its figures and tables; of the run of --repeat."
-)
+@click.option("--out", type=PATH, help="Folder of a page with tables; of the run of --repeat.")
 @figures_option
 @within_option
 @device_option
@@ -67,11 +64,10 @@ def compare_command(
     if again:
         if compared or acquired or lines or suffix is not None:
             raise click.UsageError("--repeat: one run; allowed: --out, --within, --device")
-        return _repeated(baseline, out, changed_inputs, within_K, device)
-    if not compared:
-        raise click.UsageError("OTHERS: are missing; allowed: one or more, or --repeat")
-    if changed_inputs or device is not None:
-        raise click.UsageError("--changed-inputs, --device: allowed with --repeat")
+        shared: dict[str, Any] = {"out": out, "within_K": within_K, "device": device}
+        return _repeated(baseline, changed_inputs=changed_inputs, **shared)
+    if not compared or changed_inputs or device is not None:
+        raise click.UsageError("allowed: ONE OTHERS.., or ONE --repeat, with its options")
     if suffix is not None and out is None:
         raise click.UsageError("--format: of the figures in --out; give --out too")
     if malformed := [line for line in lines if not all(line.partition("="))]:
@@ -173,19 +169,14 @@ def _cells(difference: MapDifference) -> list[str]:
 @device_option
 @json_option
 @plain_errors
-def repeat_command(
-    folder: Path,
-    out: Path | None,
-    changed_inputs: bool,
-    within_K: float | None,
-    device: str | None,
-) -> Outcome:
+def repeat_command(folder: Path, **options: Any) -> Outcome:
     """Compute RUN again from its record, and print the difference in kelvin."""
-    return _repeated(folder, out, changed_inputs, within_K, device)
+    return _repeated(folder, **options)
 
 
 def _repeated(
     folder: Path,
+    *,
     out: Path | None,
     changed_inputs: bool,
     within_K: float | None,

@@ -14,11 +14,7 @@ from cldit.show.view.folders import unfinished
 
 @click.command()
 @click.argument("folder", metavar="FOLDER|SCENE", type=SCENE)
-@click.option(
-    "--part",
-    type=click.Choice(["spray", "optics"]),
-    help="Of a SCENE, its spray (with files for ParaView) or its optics alone.",
-)
+@click.option("--part", type=click.Choice(["spray", "optics"]), help="Of a SCENE, this alone.")
 @click.option("--out", type=PATH, help="With --part: folder of the spray, or figure of the optics.")
 @figures_option
 @device_option
@@ -36,11 +32,8 @@ def show(
 
     With --part, compute and draw the spray or the optics of a SCENE without tracing it.
     """
-    if part == "spray":
-        _show_spray(folder, out, suffix, device)
-        return
-    if part == "optics":
-        _show_optics(folder, out, suffix)
+    if part is not None:
+        _show_part(part, folder, out, suffix, device)
         return
     if out is not None or device is not None:
         raise click.UsageError("--out, --device: allowed with --part spray or --part optics")
@@ -50,37 +43,35 @@ def show(
         click.launch(str(figure))
 
 
-def _show_spray(scene: str, out: Path | None, suffix: str | None, device: str | None) -> None:
-    from cldit.cli.sprays import show_spray  # loads the computed spray
+def _show_part(
+    part: str, scene: str, out: Path | None, suffix: str | None, device: str | None
+) -> None:
+    if part == "spray":
+        from cldit.cli.sprays import show_spray  # loads the computed spray
 
-    show_spray(scene, out, suffix, device)
+        show_spray(scene, out, suffix, device)
+    else:
+        from cldit.cli.optics import show_optics
 
-
-def _show_optics(scene: str, out: Path | None, suffix: str | None) -> None:
-    from cldit.cli.optics import show_optics
-
-    show_optics(scene, out, suffix)
-
-
-@click.command("spray", deprecated="use `cldit show SCENE --part spray`")
-@click.argument("scene", type=SCENE)
-@click.option("--out", type=PATH, help="Folder; default: sprays/SCENE.")
-@figures_option
-@device_option
-@plain_errors
-def spray_command(scene: str, out: Path | None, suffix: str | None, device: str | None) -> None:
-    """Compute only the spray of SCENE: figures, history, files for ParaView."""
-    _show_spray(scene, out, suffix, device)
+        show_optics(scene, out, suffix)
 
 
-@click.command("optics", deprecated="use `cldit show SCENE --part optics`")
-@click.argument("scene", type=SCENE)
-@click.option("--out", type=PATH, help="Figure (.png, .pdf or .svg); default: SCENE-optics.png.")
-@figures_option
-@plain_errors
-def optics_command(scene: str, out: Path | None, suffix: str | None) -> None:
-    """Print and draw optical properties of SCENE: liquid, droplets, vapour, camera."""
-    _show_optics(scene, out, suffix)
+def _old_name(part: str) -> click.Command:
+    """Command of earlier versions, `cldit spray` or `cldit optics`."""
+
+    @click.command(part, deprecated=f"use `cldit show SCENE --part {part}`")
+    @click.argument("scene", type=SCENE)
+    @click.option("--out", type=PATH)
+    @figures_option
+    @device_option
+    @plain_errors
+    def command(scene: str, out: Path | None, suffix: str | None, device: str | None) -> None:
+        _show_part(part, scene, out, suffix, device)
+
+    return command
+
+
+spray_command, optics_command = _old_name("spray"), _old_name("optics")
 
 
 @click.command("view")

@@ -22,7 +22,6 @@ OF_DEVELOPERS = ("dev", "docs", "peers")  # extras that no user installs
 
 # Packages without `License-Expression` in their metadata, by their licence files.
 BY_FILE = {
-    "bluesky": "BSD-3-Clause",
     "contourpy": "BSD-3-Clause",
     "coolprop": "MIT",
     "cycler": "BSD-3-Clause",
