@@ -5,7 +5,7 @@ python3 make.py run [SCENE] [cldit run options]   the main job; `gdi` if no scen
 python3 make.py test [--all] [pytest options]     the tests of the first tier; of both
 python3 make.py lint                              ruff, mypy --strict, types as users see them
 python3 make.py docs                              the docs as a site: build/docs/index.html
-python3 make.py wheel                             builds the wheel, installs it elsewhere, runs it
+python3 make.py wheel                             builds and checks the wheel, runs it elsewhere
 """
 
 from __future__ import annotations
@@ -104,6 +104,8 @@ def wheel() -> None:
     with tempfile.TemporaryDirectory(prefix="cldit wheel ") as place:
         call(python, "-m", "build", "--outdir", Path(place) / "dist", HERE)
         built = next(Path(place, "dist").glob("*.whl"))
+        call(python, "-m", "twine", "check", "--strict", *Path(place, "dist").iterdir())
+        call(python.parent / "check-wheel-contents", built)
         fresh = environment(Path(place) / "venv")
         call(fresh, "-m", "pip", "install", "--quiet", f"{built}[pocl]")
         call(fresh, "-W", "error", "-c", WHEEL_CHECK, cwd=place)

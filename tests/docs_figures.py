@@ -54,7 +54,7 @@ def _plan(work: Path) -> None:
 
 
 def _flow(work: Path) -> None:
-    _cldit("spray", "gdi", "--out", work)
+    _cldit("show", "gdi", "--part", "spray", "--out", work)
     copyfile(work / "views.png", DOCS / "gdi-flow.png")
 
 
@@ -81,7 +81,7 @@ MADE: dict[str, Callable[[Path], None]] = {
     "plan": _plan,
     "gdi-flow": _flow,
     "compare": _compare,
-    "optics": lambda _: _cldit("optics", "gdi", "--out", DOCS / "optics-gdi.png"),
+    "optics": lambda _: _cldit("show", "gdi", "--part", "optics", "--out", DOCS / "optics-gdi.png"),
     "budget": _budget,
 }
 

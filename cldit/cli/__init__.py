@@ -7,16 +7,11 @@ from cldit.cli.program import Program, epilog
 
 _COMMANDS = {
     "run": "cldit.cli.run:run",
-    "repeat": "cldit.cli.compare:repeat_command",
     "compare": "cldit.cli.compare:compare_command",
-    "diff": "cldit.cli.compare:diff",
     "scenes": "cldit.cli.scenes:scenes",
     "devices": "cldit.cli.devices:devices",
     "check-driver": "cldit.cli.check_driver:check_driver",
-    "optics": "cldit.cli.optics:optics",
-    "spray": "cldit.cli.sprays:spray_command",
     "import": "cldit.cli.sprays:import_command",
-    "droplet": "cldit.cli.sprays:droplet",
     "fit": "cldit.cli.fit:fit_command",
     "plan": "cldit.cli.plan:plan_command",
     "acquire": "cldit.cli.acquire:acquire_command",
@@ -25,6 +20,14 @@ _COMMANDS = {
     "show": "cldit.cli.show:show",
     "view": "cldit.cli.show:view_command",
     "study": "cldit.cli.study:study",
+}
+# Names of earlier versions, which say what replaces them, and the benchmark of developers.
+_UNLISTED = {
+    "repeat": "cldit.cli.compare:repeat_command",
+    "diff": "cldit.cli.compare:diff",
+    "optics": "cldit.cli.show:optics_command",
+    "spray": "cldit.cli.show:spray_command",
+    "droplet": "cldit.cli.sprays:droplet",
     "bench": "cldit.cli.bench:bench",
 }
 
@@ -32,6 +35,7 @@ _COMMANDS = {
 @click.group(
     cls=Program,
     commands_at=_COMMANDS,
+    unlisted_at=_UNLISTED,
     epilog=epilog(),
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )

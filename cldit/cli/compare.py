@@ -1,6 +1,7 @@
-"""`cldit compare` and `cldit repeat`: differences of results, in kelvin."""
+"""`cldit compare`: differences of results, in kelvin."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -18,7 +19,9 @@ from cldit.run.trusted import open_device
 
 @click.command("compare")
 @click.argument("baseline", metavar="ONE", type=PATH)
-@click.argument("compared", metavar="OTHERS...", nargs=-1, required=True, type=PATH)
+@click.argument("compared", metavar="[OTHERS]...", nargs=-1, type=PATH)
+@click.option("--repeat", "again", is_flag=True, help="Compute the run ONE again; compare both.")
+@click.option("--changed-inputs", is_flag=True, help="Repeat also with other or missing inputs.")
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
 @click.option(
     "--align",
@@ -33,25 +36,38 @@ from cldit.run.trusted import open_device
     metavar="NAME=RUN",
     help="Run with one quantity changed by its spread, an error that simulations share.",
 )
-@click.option("--out", type=PATH, help="Folder of a page, its figures and tables.")
+@click.option("--out", type=PATH, help="Folder of a page with tables; of the run of --repeat.")
 @figures_option
 @within_option
+@device_option
 @json_option
 @plain_errors
 def compare_command(
     baseline: Path,
     compared: tuple[Path, ...],
+    again: bool,
+    changed_inputs: bool,
     acquired: bool,
     align: Align,
     lines: tuple[str, ...],
     out: Path | None,
     suffix: str | None,
     within_K: float | None,
+    device: str | None,
 ) -> Outcome:
     """Compare ONE with OTHERS, with the errors of both: measured data, evaluations, runs.
 
-    The exit status is 3 if the errors do not explain the difference.
+    With --repeat, compute the run ONE again from its record, its acquisition included, and compare
+    both; inputs that are missing or changed are named. The exit status is 3 if the errors do not
+    explain the difference.
     """
+    if again:
+        if compared or acquired or lines or suffix is not None:
+            raise click.UsageError("--repeat: one run; allowed: --out, --within, --device")
+        shared: dict[str, Any] = {"out": out, "within_K": within_K, "device": device}
+        return _repeated(baseline, changed_inputs=changed_inputs, **shared)
+    if not compared or changed_inputs or device is not None:
+        raise click.UsageError("allowed: ONE OTHERS.., or ONE --repeat, with its options")
     if suffix is not None and out is None:
         raise click.UsageError("--format: of the figures in --out; give --out too")
     if malformed := [line for line in lines if not all(line.partition("="))]:
@@ -145,7 +161,7 @@ def _cells(difference: MapDifference) -> list[str]:
     ]
 
 
-@click.command("repeat")
+@click.command("repeat", deprecated="use `cldit compare RUN --repeat`")
 @click.argument("folder", metavar="RUN", type=PATH)
 @click.option("--out", type=PATH, help="Folder to keep the repetition in.")
 @click.option("--changed-inputs", is_flag=True, help="Continue if inputs are missing or changed.")
@@ -153,18 +169,20 @@ def _cells(difference: MapDifference) -> list[str]:
 @device_option
 @json_option
 @plain_errors
-def repeat_command(
+def repeat_command(folder: Path, **options: Any) -> Outcome:
+    """Compute RUN again from its record, and print the difference in kelvin."""
+    return _repeated(folder, **options)
+
+
+def _repeated(
     folder: Path,
+    *,
     out: Path | None,
     changed_inputs: bool,
     within_K: float | None,
     device: str | None,
 ) -> Outcome:
-    """Compute RUN again from its record, and print the difference in kelvin.
-
-    Inputs that are missing or changed are named. The exit status is 3 if the difference exceeds
-    what the stated errors explain.
-    """
+    """Computes a run again and prints what differs."""
     with ProgressBar() as bar:
         repetition = repeat(
             folder,

@@ -73,8 +73,11 @@ def evaluate(
     and delays into a folder each, with a table of the delays.
     """
     if write_measured is not None:
-        for line in measured_draft.write_measured(folder, write_measured):
+        _, *missing = lines = measured_draft.write_measured(folder, write_measured)
+        for line in lines:
             OUT.print(escaped(line))
+        if missing:
+            OUT.print(escaped(f"complete and uncomment these in {write_measured} first"))
         print_next("cldit", "evaluate", write_measured)
         return Outcome({"measured": write_measured})
     target = acquisition_in(folder)

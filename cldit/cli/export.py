@@ -9,7 +9,7 @@ from cldit.acquisition.export import FORMATS
 from cldit.acquisition.record import acquisition_in, open_acquisition
 from cldit.api.exporting import OCTREE, export
 from cldit.cli.console import OUT, ProgressBar, plain_errors
-from cldit.cli.options import PATH
+from cldit.cli.options import PATH, replaced_by
 
 if TYPE_CHECKING:
     from cldit.gpu.device import Device
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.option("--out", type=PATH, help="The file; default: in FOLDER.")
 @click.option("--node", type=int, help="Octree: number of a wavelength; default: the brightest.")
 @click.option("--own-frame", is_flag=True, help="Octree: cldit's coordinates, not the CFD case's.")
-@click.option("--device", help="Octree: OpenCL device, as for `cldit run`.")
+@click.option("--device", hidden=True, callback=replaced_by("device= of cldit.export"))
 @plain_errors
 def export_command(
     folder: Path, form: str, out: Path | None, node: int | None, own_frame: bool, device: str | None

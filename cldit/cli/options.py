@@ -10,6 +10,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from cldit.errors import SceneError
+from cldit.io.terminal import warn
 from cldit.scene.spray import Check
 
 if TYPE_CHECKING:
@@ -136,6 +137,25 @@ def case_options(command: Command) -> Command:
     for option in reversed(_CASE):
         command = option(command)
     return command
+
+
+def hide_case_options(command: click.Command) -> None:
+    """Takes the options of `cldit import` out of the help of a command, which still has them."""
+    shared = {option.name for option in click.command()(case_options(lambda **_: None)).params}
+    for option in command.params:
+        if isinstance(option, click.Option) and option.name in shared:
+            option.hidden = True
+
+
+def replaced_by(successor: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Callback of an old option, hidden: prints what replaces it if it is given."""
+
+    def callback(_: click.Context, option: click.Parameter, value: Any) -> Any:
+        if value:
+            warn(f"{option.opts[0]} is deprecated; use {successor}")
+        return value
+
+    return callback
 
 
 def spray_keys(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -35,7 +35,7 @@ _TEXT = {
     Exit.DONE: "done",
     Exit.FAILED: "refused or failed; the standard error gives the reason",
     Exit.USAGE: "invalid command line",
-    Exit.DIFFERS: "compare, repeat: beyond the errors; plan --separate: no plan is enough",
+    Exit.DIFFERS: "compare: beyond the errors; plan --separate: no plan is enough",
     Exit.STOPPED: "stopped by Ctrl-C",
 }
 
@@ -49,12 +49,20 @@ def epilog() -> str:
 class LazyGroup(click.Group):
     """Group whose commands are imported on demand, so that each loads only what it uses.
 
-    commands_at: `package.module:name` by command, in the order of the help.
+    commands_at: `package.module:name` by command, in the order of the help. unlisted_at: the same
+    of commands that neither help nor completion has.
     """
 
-    def __init__(self, *args: Any, commands_at: Mapping[str, str], **kwargs: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        commands_at: Mapping[str, str],
+        unlisted_at: Mapping[str, str] | None = None,
+        **kwargs: Any,
+    ) -> None:
         super().__init__(*args, **kwargs)
         self.commands_at = dict(commands_at)
+        self.unlisted_at = dict(unlisted_at or {})
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands, without importing them."""
@@ -62,9 +70,10 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Imports the command `cmd_name` if there is one."""
-        if cmd_name not in self.commands_at:
+        at = self.commands_at.get(cmd_name) or self.unlisted_at.get(cmd_name)
+        if at is None:
             return None
-        module, _, name = self.commands_at[cmd_name].partition(":")
+        module, _, name = at.partition(":")
         command = getattr(import_module(module), name)
         assert isinstance(command, click.Command)
         return command

@@ -24,7 +24,9 @@ from cldit.cli.options import (
     Tolerances,
     case_options,
     figures_option,
+    hide_case_options,
     pixels_of,
+    replaced_by,
     spray_keys,
     two_numbers,
     verbose_option,
@@ -64,18 +66,19 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
     "--out", type=PATH, help="Folder; default: runs/SCENE, or runs/SCENE-2 .. if it is taken."
 )
 @click.option(
-    "--cfd", type=PATH, help="CFD result to take the spray from, or a file of `cldit import`."
+    "--cfd",
+    type=PATH,
+    help="CFD result to take the spray from, or a file of `cldit import`, whose options it takes.",
 )
 @case_options
 @click.option("--order", type=int, help="Largest number of scatterings; beyond it, the wall.")
 @click.option(
     "--method",
     type=click.Choice(["source", "path", "branching"]),
-    help="source: fast (default); path: unbiased, slow; branching: the paper's.",
+    hidden=True,
+    callback=replaced_by("--set transport.method=.."),
 )
-@click.option(
-    "--phase", help="isotropic, mie, or g of Henyey and Greenstein; default: of the preset."
-)
+@click.option("--phase", hidden=True, callback=replaced_by("--set transport.phase=.."))
 @click.option(
     "--preset",
     type=click.Choice(["paper", "spectral"]),
@@ -214,6 +217,9 @@ def run(
         _print_stages(result)
     _print_run(result, suffix)
     return Outcome(_data(result))
+
+
+hide_case_options(run)
 
 
 def _times_aside(bar: ProgressBar, shared: dict[str, Any], scenes: Mapping[Path, Scene]) -> None:

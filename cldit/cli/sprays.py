@@ -1,4 +1,4 @@
-"""`cldit spray`, `cldit import` and `cldit droplet`: sprays and droplets alone."""
+"""`cldit import`, `cldit show SCENE --part spray`, and the old `cldit droplet`."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +12,7 @@ from cldit.cfd.formats import contents
 from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table, say
-from cldit.cli.options import PATH, SCENE, case_options, device_option, figures_option, spray_keys
+from cldit.cli.options import PATH, case_options, device_option, spray_keys
 from cldit.cli.results import print_files, print_next
 from cldit.errors import SceneError
 from cldit.io.files import write_text
@@ -33,14 +33,8 @@ from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
 
 
-@click.command("spray")
-@click.argument("scene", type=SCENE)
-@click.option("--out", type=PATH, help="Folder; default: sprays/SCENE.")
-@figures_option
-@plain_errors
-@device_option
-def spray_command(scene: str, out: Path | None, suffix: str | None, device: str | None) -> None:
-    """Compute only the spray of SCENE: figures, history, files for ParaView."""
+def show_spray(scene: str, out: Path | None, suffix: str | None, device: str | None) -> None:
+    """Computes the spray of a scene alone: figures, history, files for ParaView."""
     chosen = load_scene(scene)
     folder = out or Path("sprays") / chosen.name
     title = f"{chosen.name}: {chosen.description}" if chosen.description else chosen.name
@@ -138,7 +132,7 @@ def import_command(
     return Outcome(data)
 
 
-@click.command()
+@click.command(deprecated="call cldit.spray.droplet.follow.follow in Python")
 @click.option("--fuel", default="n-heptane", help="A name of CoolProp.")
 @click.option("--gas", default="nitrogen")
 @click.option("--model", default=next(iter(MODELS)), help=", ".join(MODELS))

@@ -7,7 +7,7 @@ import click
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table, say
-from cldit.cli.options import PATH, device_option, figures_option
+from cldit.cli.options import PATH, device_option, figures_option, replaced_by
 from cldit.cli.results import print_files
 from cldit.errors import StudyError
 from cldit.run import RunCache, default_cache
@@ -24,11 +24,11 @@ from cldit.study.sweep import run_sweep
 @click.argument("name", required=False)
 @click.option("--quick", is_flag=True, help="Reduced pixels and accuracy.")
 @click.option("--out", type=PATH, help="Default: studies, or sweeps/SCENE.")
-@click.option("--markdown", is_flag=True, help="Only Markdown and figures, as for docs.")
+@click.option("--markdown", is_flag=True, hidden=True)  # for docs/studies
 @click.option("--grid", "grid_text", help="KEY=VALUES,...: a sweep over the scene NAME.")
 @click.option("--scheduler", help="Address of a dask scheduler; default: this machine.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes; default: one a core.")
-@click.option("--cache", type=PATH, help="Folder of cached runs and sprays.")
+@click.option("--cache", type=PATH, hidden=True, callback=replaced_by("XDG_CACHE_HOME"))
 @figures_option
 @device_option
 @plain_errors

@@ -114,7 +114,7 @@ class Difference:
 
     @property
     def p_value(self) -> float | None:
-        """Probability of a larger difference by the errors; None: cannot be told.
+        """Probability of a larger difference by the errors; None: unknown.
 
         Each part of the spray has a test of its own: what differs in a small part is lost among all
         pixels. Injections on both sides are compared by their permutation; if there are errors that

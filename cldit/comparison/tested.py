@@ -57,7 +57,7 @@ class RegionDifference:
     def cells(self) -> list[str]:
         """RMS, mean, reduced chi-square, p and number of pixels, as texts."""
         if self.p_value is None or self.chi2_reduced is None:
-            return ["-", "-", "-", "cannot be told", str(self.pixels)]
+            return ["-", "-", "-", "unknown", str(self.pixels)]
         return [
             f"{self.rms_K:.3g} K",
             f"{self.mean_K:+.2g} ± {self.mean_error_K:.2g} K",

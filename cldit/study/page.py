@@ -27,7 +27,7 @@ _VERDICTS = ("the paper", "found", "agrees if", "")
 _OVERVIEW = ("study", "the paper's", "size", "took / s", "against the paper")
 
 
-AGREES, DISAGREES, OPEN = "agrees", "disagrees", "cannot be told"
+AGREES, DISAGREES, OPEN = "agrees", "disagrees", "undecided"
 _SURE = 2.0  # standard errors between a value and a limit
 
 
@@ -50,7 +50,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """`agrees`, `disagrees` or `cannot be told`."""
+        """`agrees`, `disagrees` or `undecided`."""
         if not math.isfinite(self.value) or math.isnan(self.error):
             return OPEN
         low = -math.inf if self.low is None else self.low
@@ -96,12 +96,12 @@ def _measured(value: float, error: float) -> str:
 
 
 def summary(verdicts: tuple[Verdict, ...]) -> str:
-    """Sentence with the numbers of statements that agree and that cannot be told."""
+    """Sentence with the numbers of statements that agree and that are undecided."""
     words = [each.word for each in verdicts]
     agreed, open_ = words.count(AGREES), words.count(OPEN)
     if agreed == len(verdicts):
         return f"All {agreed} statements agree."
-    rest = f", {open_} cannot be told" if open_ else ""
+    rest = f", {open_} undecided" if open_ else ""
     return f"{agreed} of {len(verdicts)} statements agree{rest}."
 
 

@@ -27,6 +27,7 @@ FILES: tuple[tuple[str, str, type[Keys]], ...] = (
     ("Measured data", "measured.yaml ", MeasuredFile),
 )
 Schema = dict[str, Any]
+UNLISTED = "No effect"  # keys of older versions, which are still read, with a remark
 _TITLE = "Every key of a scene, rig, plan and measurement"
 _COLUMNS = ("key", "type, range", "default", "meaning")
 _INTRODUCTION = """\
@@ -153,6 +154,8 @@ def _table(section: Schema, places: dict[str, _Place]) -> Table:
     rows = []
     needed = section.get("required", [])
     for key, value in section.get("properties", {}).items():
+        if _text(value).startswith(UNLISTED):
+            continue
         default = "required" if key in needed else _default(value)
         kinds = dict.fromkeys(_type(part, places) for part in _parts(value))
         ranges = dict.fromkeys(text for part in _parts(value) for text in _ranges(part))

@@ -61,10 +61,40 @@ def test_files_named_in_the_docs_exist() -> None:
     assert missing == []
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])  # others: test_site.py
-def test_links_lead_to_files(page: str) -> None:
-    linked = re.findall(r"\]\(([^)#:]+)[)#]", (_ROOT / page).read_text(encoding="utf-8"))
-    assert linked and [file for file in linked if not (_ROOT / file).exists()] == []
+@cache
+def anchors(path: Path) -> frozenset[str]:
+    """Places in a page, as GitHub and mkdocs name them, and objects of API pages."""
+    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    slugs = [re.sub(r"[^\w\s-]", "", head).strip().lower() for head in heads]
+    objects = re.findall(r"^::: (\S+)$", text, re.MULTILINE)
+    return frozenset([*(re.sub(r"\s+", "-", slug) for slug in slugs), *objects])
+
+
+def dead_links(path: Path) -> list[str]:
+    """Relative links of a page to no file, or to no heading of a page."""
+    dead = []
+    text = re.sub(r"^```.*?^```|`[^`\n]*`", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        target, _, place = link.partition("#")
+        other = (path.parent / target).resolve() if target else path
+        if "//" in link:
+            continue
+        names = {place, place.rpartition(".")[0]}  # also a member of a module
+        if not other.exists() or (place and other.suffix == ".md" and not names & anchors(other)):
+            dead.append(link)
+    return dead
+
+
+@pytest.mark.parametrize("page", [*_PAGES, "CHANGELOG.md"])  # as a site: test_site.py
+def test_no_link_is_dead(page: str) -> None:
+    assert dead_links(_ROOT / page) == []
+
+
+def test_a_dead_link_is_noticed(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A b\n[x](#a-b) [y](#b) [z](no.md) [u](page.md#a-b) [w](https://x.y/z)\n")
+    assert dead_links(page) == ["#b", "no.md"]
 
 
 @pytest.mark.parametrize("page", ["docs/glossary.md", "CONTRIBUTING.md"])

@@ -1,72 +1,69 @@
-"""Every `cldit` command in the README and the docs is one that there is, options and all."""
+"""Every `cldit` command in the README and the docs is one that there is, options and all.
+
+So is every file that it names: shipped, made by an earlier command of the same page, or the
+reader's own. `test_walk.py` runs the pages.
+"""
 
 from __future__ import annotations
-
-import re
-import shlex
-from pathlib import Path
 
 import click
 import pytest
 
-from cldit.cli import main
+from tests.system import documented
+from tests.system.documented import BEGIN, PAGES, Step, parsed, steps, unknown_files
 
-_ROOT = Path(__file__).parents[2]
-_SHELL = re.compile(r"^```(?:sh|bash|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-
-
-def documented() -> list[tuple[str, str]]:
-    """(page, command) of every line of a shell block that calls cldit."""
-    found = []
-    for page in [_ROOT / "README.md", *sorted((_ROOT / "docs").rglob("*.md"))]:
-        for block in _SHELL.findall(page.read_text(encoding="utf-8")):
-            lines = block.replace("\\\n", " ").splitlines()
-            found += [
-                (str(page.relative_to(_ROOT)), line.strip())
-                for line in lines
-                if re.match(r"\s*cldit\b", line)
-            ]
-    return found
-
-
-def _parse(line: str) -> None:
-    """As the command line would, without running; the files that it names need not be there."""
-    words = shlex.split(line, comments=True)[1:]
-    group: click.Command = main
-    context = click.Context(main, info_name="cldit")
-    while isinstance(group, click.Group) and not (
-        group.invoke_without_command and (not words or words[0].startswith("-"))
-    ):
-        name = words.pop(0)
-        command = group.get_command(context, name)
-        assert command is not None, f"no command {name}"
-        context = click.Context(command, info_name=name, parent=context)
-        group = command
-    with pytest.MonkeyPatch.context() as patch:
-        for part in group.params:
-            if isinstance(part.type, click.Path):
-                patch.setattr(part.type, "exists", False)
-        group.make_context(group.name, words, parent=context.parent)
+_COMMANDS = [(page, step.text) for page in PAGES for step in steps(page) if step.is_cldit]
 
 
 def test_documented_commands_are_understood() -> None:
     wrong = []
-    for page, line in documented():
-        for single in line.split(" | "):
-            if single.strip().startswith("cldit"):
-                try:
-                    _parse(single)
-                except (click.UsageError, AssertionError) as error:
-                    wrong.append(f"{page}: {single.strip()}: {error}")
+    for page, line in _COMMANDS:
+        try:
+            parsed(line)
+        except (click.UsageError, AssertionError) as error:
+            wrong.append(f"{page}: {line}: {error}")
     assert not wrong, "\n".join(wrong)
 
 
 def test_commands_are_found_in_the_pages() -> None:
-    pages = {page for page, _ in documented()}
+    pages = {page for page, _ in _COMMANDS}
     assert {"README.md", "docs/importing.md", "docs/optics.md", "docs/transport/method.md"} <= pages
+    assert len(_COMMANDS) > 75
 
 
 @pytest.mark.parametrize("line", ["cldit rnu gdi", "cldit run gdi --acuracy 1", "cldit run"])
 def test_a_wrong_one_is_noticed(line: str) -> None:
     with pytest.raises((click.UsageError, AssertionError)):
-        _parse(line)
+        parsed(line)
+
+
+@pytest.mark.parametrize("page", sorted({page for page, _ in _COMMANDS}))
+def test_files_of_a_page_are_made_by_it(page: str) -> None:
+    assert unknown_files(page) == []
+
+
+@pytest.mark.parametrize("page", sorted(BEGIN))
+def test_what_a_page_begins_with_is_used(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    used = documented.BEGIN[page]
+    monkeypatch.setitem(documented.BEGIN, page, ())
+    missing = [*unknown_files(page), *(s.text for s in steps(page) if "tests.bench" in s.text)]
+    assert [name for name in used if not any(name in one for one in missing)] == []
+
+
+@pytest.mark.parametrize(
+    ("lines", "missing"),
+    [
+        (["cldit run gdi", "cldit view runs/gdi"], []),
+        (["cldit run gdi --order 1", "cldit run gdi", "cldit view runs/gdi-2"], []),
+        (["cldit run gdi", "cldit run gdi", "cldit view runs/gdi-2"], ["runs/gdi-2"]),
+        (["cldit view runs/gdi", "cldit run gdi"], ["runs/gdi"]),
+        (["cldit plan gdi --error 2K", "cldit acquire runs/gdi-plan/rig.yaml p.yaml --out s"],
+         ["p.yaml"]),
+        (["cldit import case --fit", "cldit run case.yaml"], ["case"]),
+    ],
+)  # fmt: skip
+def test_a_file_that_nothing_made_is_noticed(
+    lines: list[str], missing: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(documented, "steps", lambda _: [Step("sh", line) for line in lines])
+    assert unknown_files("no page") == missing

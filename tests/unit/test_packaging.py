@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tomllib
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import pytest
 import yaml
 from mypy.modulefinder import FindModuleCache, SearchPaths, get_search_dirs
 
 import cldit
+from tests.bench import licences
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,11 +50,36 @@ def test_every_data_file_matches_a_pattern() -> None:
         assert any(path.match(pattern) for pattern in patterns), f"{path} is not package data"
 
 
+# Of the schema of CITATION.cff 1.2.0: what is required, and the keys that are used here.
+CITATION: dict[str, Any] = {
+    "type": "object",
+    "required": ["cff-version", "message", "title", "authors"],
+    "additionalProperties": False,
+    "properties": {
+        "cff-version": {"const": "1.2.0"},
+        "message": {"type": "string", "minLength": 1},
+        "title": {"type": "string", "minLength": 1},
+        "abstract": {"type": "string", "minLength": 1},
+        "type": {"enum": ["software", "dataset"]},
+        "version": {"type": "string", "minLength": 1},
+        "license": {"enum": ["MIT"]},
+        "date-released": {"type": "string", "pattern": "^[0-9]{4}-[0-9]{2}-[0-9]{2}$"},
+        "keywords": {"type": "array", "minItems": 1, "uniqueItems": True},
+        "authors": {
+            "type": "array",
+            "minItems": 1,
+            "items": {"type": "object", "required": ["name"], "additionalProperties": False,
+                      "properties": {"name": {"type": "string", "minLength": 1}}},
+        },
+    },
+}  # fmt: skip
+
+
 def test_citation_is_of_this_version() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert citation["cff-version"] == "1.2.0"
-    assert {"message", "title", "authors", "type"} <= citation.keys()
+    text = (ROOT / "CITATION.cff").read_text()
+    citation = yaml.load(text, Loader=yaml.BaseLoader)  # a date is a text, as in the schema
+    jsonschema.validate(citation, CITATION)
     assert citation["title"] == project["name"]
     assert citation["version"] == project["version"]
     assert citation["license"] == project["license"]
@@ -58,9 +87,24 @@ def test_citation_is_of_this_version() -> None:
     assert citation["authors"] == project["authors"]
 
 
-def test_changelog_tells_of_this_version() -> None:
+def test_changelog_tells_of_this_version_by_reader() -> None:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    assert f"\n## {version}\n" in (ROOT / "CHANGELOG.md").read_text()
+    newest = (ROOT / "CHANGELOG.md").read_text().partition("\n## ")[2].partition("\n## ")[0]
+    assert newest.startswith(f"{version}\n")
+    heads = re.findall(r"^### (.*)$", newest, re.MULTILINE)
+    assert heads[:3] == ["For the spray laboratory", "For the CFD engineer", "For the developer"]
+
+
+def test_licences_of_all_packages_are_listed() -> None:
+    page = (ROOT / "docs" / "licences.md").read_text()
+    row = re.compile(r"^\| ([a-z0-9-]+) \| [^|]* \| ([^|]+?)(?: \*)? \|", re.MULTILINE)
+    rows = dict(row.findall(page))
+    for extra, texts in licences.project().items():
+        if extra not in licences.OF_DEVELOPERS:
+            assert licences.names(texts) <= rows.keys(), extra
+    part = r"(LicenseRef-)?[A-Za-z0-9.-]+"  # of an SPDX expression
+    whole = re.compile(rf"{part}( (AND|OR|WITH) {part})*")
+    assert [name for name, licence in rows.items() if not whole.fullmatch(licence)] == []
 
 
 def test_top_level_is_as_stated() -> None:

@@ -266,11 +266,11 @@ def _commands(run: Run) -> str:
     """Commands that repeat the run, from its folder."""
     if run.measured is None:
         return (
-            "cldit repeat .  # compute it again, print the difference\n"
+            "cldit compare . --repeat  # compute it again, print the difference\n"
             "cldit run scene.yaml --trace-only --out again"
         )
     return (
-        "cldit repeat .                               # compute it again, print the difference\n"
+        "cldit compare . --repeat                     # compute it again, print the difference\n"
         "cldit run scene.yaml --out again             # all of it\n"
         "cldit acquire rig.yaml plan.yaml --out shots # only the shots\n"
         "cldit evaluate shots"

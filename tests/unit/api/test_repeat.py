@@ -46,7 +46,7 @@ def test_the_record_says_how(run: Run) -> None:
 
 def test_it_is_the_same_and_its_folder_stays_empty(run: Run, tmp_path: Path) -> None:
     assert run.folder is not None
-    done = command("repeat", run.folder, "--json", "--out", tmp_path / "again")
+    done = command("compare", run.folder, "--repeat", "--json", "--out", tmp_path / "again")
     found = json.loads(done.stdout)
     assert done.exit_code == 0 and found["within"] and found["trace"]["same"]
     assert found["recorded"] is None and found["inputs"] == []
@@ -61,7 +61,7 @@ def test_what_differs_is_told(run: Run, tmp_path: Path) -> None:
     path = copy / "maps" / "emissivity.tif"
     image = read_image(path)[0]
     write_image(path, (image + np.float32(0.1)).astype(np.float32), name="emissivity", unit="1")
-    done = command("repeat", copy)
+    done = command("compare", copy, "--repeat")
     assert done.exit_code == 3, done.output
     assert "no pixel has a T_app in both" in done.output
 
@@ -94,6 +94,6 @@ def test_inputs_are_named(run: Run, tmp_path: Path) -> None:
     assert first.startswith(f"{kept}: has changed (1 bytes of")
     assert second == f"{lost}: cannot be read (No such file or directory)"
     stale.save(tmp_path / "stale")
-    done = command("repeat", tmp_path / "stale")
+    done = command("compare", tmp_path / "stale", "--repeat")
     assert done.exit_code == 1 and str(lost) in done.stderr and "--changed-inputs" in done.stderr
-    assert command("repeat", tmp_path / "stale", "--changed-inputs").exit_code == 0
+    assert command("repeat", tmp_path / "stale", "--changed-inputs").exit_code == 0  # its old name

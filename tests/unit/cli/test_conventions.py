@@ -99,15 +99,14 @@ def test_diff_is_compare_with_a_warning() -> None:
     assert "deprecated" in old.stderr and "deprecated" not in new.stderr
 
 
-@pytest.mark.parametrize("name", ["run", "repeat", "compare", "scenes", "devices", "plan", "import",
+@pytest.mark.parametrize("name", ["run", "compare", "scenes", "devices", "plan", "import", "fit",
                                   "evaluate"])  # fmt: skip
 def test_commands_for_scripts_have_it(name: str) -> None:
     command = main.get_command(click.Context(main), name)
     assert command is not None and "--json" in {o for p in command.params for o in p.opts}
 
 
-@pytest.mark.parametrize("name", ["run", "evaluate", "show", "compare", "plan", "optics", "spray",
-                                  "study", "bench"])  # fmt: skip
+@pytest.mark.parametrize("name", ["run", "evaluate", "show", "compare", "plan", "study", "bench"])
 def test_commands_that_draw_take_one_format(name: str) -> None:
     command = main.get_command(click.Context(main), name)
     assert command is not None

@@ -41,7 +41,7 @@ def test_help_says_what_click_would() -> None:
 
     On wide lines, where click cuts nothing.
     """
-    quick = {name: main.commands_at[name] for name in ("scenes", "devices", "export", "bench")}
+    quick = {name: main.commands_at[name] for name in ("scenes", "devices", "export", "study")}
     group = LazyGroup(commands_at=quick)
     context = click.Context(group, info_name="cldit", terminal_width=400, max_content_width=400)
     ours, theirs = (context.make_formatter() for _ in range(2))

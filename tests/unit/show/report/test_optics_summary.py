@@ -1,4 +1,4 @@
-"""What `cldit optics` prints and draws: numbers that are right, and every shipped scene."""
+"""What `cldit show --part optics` prints and draws: right numbers, and every shipped scene."""
 
 from __future__ import annotations
 
@@ -72,9 +72,9 @@ def test_scenes_with_less_data(change: dict[str, object], tables: Path) -> None:
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tables: Path) -> None:
     monkeypatch.setattr("cldit.cli.optics.default_cache", lambda: tables)
     picture = tmp_path / "new" / "gdi.png"
-    result = CliRunner().invoke(main, ["optics", "gdi", "--out", str(picture)])
+    result = CliRunner().invoke(main, ["show", "gdi", "--part", "optics", "--out", str(picture)])
     assert result.exit_code == 0
     assert "k of the liquid" in result.output and "0.0483" in result.output
     assert picture.read_bytes().startswith(PNG)
-    result = CliRunner().invoke(main, ["optics", "no-such-scene"])
+    result = CliRunner().invoke(main, ["show", "no-such-scene", "--part", "optics"])
     assert result.exit_code == 1

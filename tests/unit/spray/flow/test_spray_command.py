@@ -1,4 +1,4 @@
-"""`cldit spray`: a computed and an analytic spray, into a folder."""
+"""`cldit show --part spray`: a computed and an analytic spray, into a folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_pictures_and_files(tmp_path: Path, spray: str, history: bool) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(f"name: small\nspray: {spray}\n", encoding="utf-8")
     out = tmp_path / "out"
-    result = CliRunner().invoke(main, ["spray", str(scene), "--out", str(out)])
+    result = CliRunner().invoke(main, ["show", str(scene), "--part", "spray", "--out", str(out)])
     assert result.exit_code == 0, result.output
     names = {"views.png", "parcels.vtp", "gas.vtu"} | (
         {"history.png", "history.csv"} if history else set()
@@ -36,7 +36,7 @@ def test_pictures_and_files(tmp_path: Path, spray: str, history: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "name"), [(["spray", "empty"], "out"), (["droplet"], "out.png")]
+    ("command", "name"), [(["show", "empty", "--part", "spray"], "out"), (["droplet"], "out.png")]
 )
 def test_a_place_that_cannot_be_written_is_a_message(
     tmp_path: Path, command: list[str], name: str
@@ -51,6 +51,8 @@ def test_a_place_that_cannot_be_written_is_a_message(
 def test_a_wrong_value_is_a_message(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("name: x\nspray: {model: lagrangian, fuel: petrol}\n", encoding="utf-8")
-    result = CliRunner().invoke(main, ["spray", str(scene), "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(
+        main, ["show", str(scene), "--part", "spray", "--out", str(tmp_path / "out")]
+    )
     assert result.exit_code == 1
     assert not (tmp_path / "out").exists()

@@ -1,0 +1,151 @@
+"""Commands and scripts of the README and the docs, page by page, and what each page begins with."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from cldit.cli import main
+from cldit.cli.options import SceneName
+from cldit.scene import shipped_scenes
+
+ROOT = Path(__file__).parents[2]
+PAGES = ["README.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
+_BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_EXTRAS = re.compile(r'pip\s+install\s+"[^"\[]*\[([\w,]+)\]"|`cldit\[(\w+)\]`')
+_READ = re.compile(r'\b(?:open_run|open_study|open_rig|evaluate|view_items)\(\[?"([^"]+)"')
+
+BEGIN: dict[str, tuple[str, ...]] = {
+    "README.md": ("path/to/case",),
+    "docs/benchmarks/index.md": ("my.yaml",),
+    "docs/dit.md": ("runs/gdi", "measurements/july"),
+    "docs/importing.md": ("CASE",),
+    "docs/injections.md": ("a.yaml", "b.yaml", "scene.yaml", "shots"),
+    "docs/rig.md": ("rig.yaml", "plan.yaml"),
+    "docs/scattering.md": ("runs/gdi",),
+    "docs/sharing.md": ("runs/gdi",),
+    "docs/telling-models-apart.md": ("a.yaml", "b.yaml", "rig.yaml"),
+    "docs/ten-things.md": ("measurements/july",),
+    "docs/view.md": ("runs/gdi",),
+}
+"""Files and folders of the reader that a page takes for given; all others are made on the page."""
+
+_WRITTEN = {"out", "save", "write_measured", "write_mapping", "fit"}  # names of parameters
+
+
+@dataclass(frozen=True)
+class Step:
+    """A command of the shell, without its comment, or a block of Python."""
+
+    language: str
+    text: str
+
+    @property
+    def is_cldit(self) -> bool:
+        return self.language == "sh" and self.text.startswith("cldit ")
+
+
+def text_of(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def steps(page: str) -> list[Step]:
+    """Commands and scripts of a page, in order."""
+    made = []
+    for language, text in _BLOCK.findall(text_of(page)):
+        lines = [text]
+        if language == "sh":
+            lines = [_bare(line) for line in text.replace("\\\n", " ").splitlines()]
+        made += [Step(language, line) for line in lines if line]
+    return made
+
+
+def _bare(line: str) -> str:
+    return re.sub(r"(^|\s)#.*", "", line).strip()
+
+
+def extras(page: str) -> frozenset[str]:
+    """Extras of README's installation, and those that the page names."""
+    named = {name for pair in _EXTRAS.findall(text_of(page)) for part in pair if part
+             for name in part.split(",")}  # fmt: skip
+    return frozenset(named | {"pocl"})
+
+
+def parsed(text: str) -> click.Context:
+    """Context of a command that is parsed, not run; the files that it names need not exist."""
+    words = shlex.split(text)[1:]
+    group: click.Command = main
+    context = click.Context(main, info_name="cldit")
+    while isinstance(group, click.Group) and not (
+        group.invoke_without_command and (not words or words[0].startswith("-"))
+    ):
+        name = words.pop(0)
+        command = group.get_command(context, name)
+        assert command is not None, f"no command {name}"
+        context = click.Context(command, info_name=name, parent=context)
+        group = command
+    with pytest.MonkeyPatch.context() as patch:
+        for part in group.params:
+            if isinstance(part.type, click.Path):
+                patch.setattr(part.type, "exists", False)
+        return group.make_context(group.name, words, parent=context.parent)
+
+
+def unknown_files(page: str) -> list[str]:
+    """Files that a command or script of the page reads, but that nothing on the page made."""
+    known = set(BEGIN.get(page, ()))
+    runs: dict[str, str] = {}  # the scene of each run's default folder, as it was written
+    missing = []
+    for step in steps(page):
+        if step.text.startswith("python3 make.py run"):
+            known.add("runs/gdi")
+            runs["runs/gdi"] = "gdi"
+        if step.language == "python":
+            missing += [name for name in _READ.findall(step.text) if not _has(known, name)]
+        if not step.is_cldit:
+            continue
+        context = parsed(step.text)
+        missing += [name for name in _read_by(context) if not _has(known, name)]
+        known |= set(_made_by(context, step.text, runs))
+    return missing
+
+
+def _has(known: Iterable[str], name: str) -> bool:
+    """True for a known path, and for what lies in it or is a folder around it."""
+    return any(f"{name}/".startswith(f"{one}/") or one.startswith(f"{name}/") for one in known)
+
+
+def _read_by(context: click.Context) -> Iterator[str]:
+    for part in context.command.params:
+        if part.name in _WRITTEN or not isinstance(part.type, click.Path | SceneName | click.Tuple):
+            continue
+        given = context.params[str(part.name)]
+        scene = not isinstance(part.type, click.Path)
+        for name in given if isinstance(given, tuple) else (given,):
+            if isinstance(name, str | Path) and not (scene and str(name) in shipped_scenes()):
+                yield str(name)
+
+
+def _made_by(context: click.Context, text: str, runs: dict[str, str]) -> Iterator[str]:
+    given: dict[str, Any] = context.params
+    command = context.info_name
+    yield from (str(given[name]) for name in _WRITTEN & set(given) if given[name])
+    if command == "import" and given["fit"] == "":
+        yield f"{Path(given['file']).stem}.yaml"
+    if given.get("out") is not None or "scene" not in given or given["scene"] is None:
+        return
+    name = Path(given["scene"]).stem
+    if command == "plan":
+        yield f"runs/{name}-plan"
+    if command == "run":
+        folder = name if given["cfd"] is None else f"{name}-{given['cfd'].name}"
+        places = [f"runs/{folder}", *(f"runs/{folder}-{number}" for number in range(2, 9))]
+        place = next(p for p in places if runs.setdefault(p, text) == text)
+        yield place

@@ -1,0 +1,109 @@
+"""How many words a user may have to learn: commands, their options, keys of scenes.
+
+The limits only fall. `python tests/unit/cli/test_words.py` prints the counts.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from cldit.cli import main
+
+COMMANDS = 14
+OPTIONS = 100
+KEYS = 264
+_PAGE = Path(__file__).parents[3] / "docs" / "scene-reference.md"
+_OLD = {
+    "repeat": ("RUN", "cldit compare RUN --repeat"),
+    "diff": ("A", "cldit compare"),
+    "optics": ("SCENE", "cldit show SCENE --part optics"),
+    "spray": ("SCENE", "cldit show SCENE --part spray"),
+    "droplet": ("", "follow in Python"),
+}
+
+
+def listed() -> dict[str, list[str]]:
+    """Options of each command that its help shows."""
+    context = click.Context(main)
+    found = {}
+    for name in main.list_commands(context):
+        command = main.get_command(context, name)
+        assert command is not None
+        options = [one for one in command.params if isinstance(one, click.Option)]
+        found[name] = [one.opts[-1] for one in options if not one.hidden]
+    return found
+
+
+def keys() -> int:
+    """Rows of the reference of all keys: of scenes, rigs, plans and measurements."""
+    return _PAGE.read_text(encoding="utf-8").count("\n| `")
+
+
+def test_no_more_words() -> None:
+    commands = listed()
+    assert len(commands) <= COMMANDS
+    assert sum(map(len, commands.values())) <= OPTIONS
+    assert keys() <= KEYS
+
+
+@pytest.mark.parametrize("name", sorted(_OLD))
+def test_an_old_name_says_the_new_one(name: str) -> None:
+    command = main.get_command(click.Context(main), name)
+    assert command is not None and _OLD[name][1] in str(command.deprecated)
+    assert name not in CliRunner().invoke(main, ["--help"]).output.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["run", "no-such-scene", "--phase", "mie"], "use --set transport.phase=.."),
+        (["run", "no-such-scene", "--method", "path"], "use --set transport.method=.."),
+        (["show", "no-such-folder", "--open"], "use cldit view"),
+        (
+            ["export", "no-such-folder", "--device", "0:0", "--to", "vtu"],
+            "use device= of ",
+        ),
+        (["study", "no-such-study", "--cache", "x"], "use XDG_CACHE_HOME"),
+    ],
+)
+def test_an_old_option_says_what_replaces_it(words: list[str], says: str) -> None:
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 1 and f"{words[2]} is deprecated; {says}" in done.stderr
+    assert words[2] not in CliRunner().invoke(main, [words[0], "--help"]).output.split()
+
+
+def test_options_of_a_case_are_those_of_import() -> None:
+    """`cldit run --cfd CASE` takes them, and only one help has them."""
+    run, imported = (main.get_command(click.Context(main), name) for name in ("run", "import"))
+    assert run is not None and imported is not None
+    shared = {one.name for one in run.params} & {one.name for one in imported.params}
+    hidden = {one.name for one in run.params if isinstance(one, click.Option) and one.hidden}
+    assert hidden - {"method", "phase"} == shared - {"out", "as_json", "verbose"}
+    assert len(hidden) > 10
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["compare", "a"],
+        ["compare", "a", "b", "--repeat"],
+        ["compare", "a", "b", "--device", "0:0"],
+        ["show", "a", "--out", "b"],
+    ],
+)
+def test_options_of_another_use_are_refused(words: list[str]) -> None:
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 2 and "allowed" in done.stderr
+
+
+if __name__ == "__main__":
+    commands = listed()
+    sys.stdout.write(f"{len(commands)} commands, {sum(map(len, commands.values()))} options ")
+    sys.stdout.write(f"({len(set().union(*commands.values()))} names), {keys()} keys\n")
+    for name, options in commands.items():
+        sys.stdout.write(f"{name} {len(options)}: {' '.join(options)}\n")
