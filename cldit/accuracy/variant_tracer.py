@@ -67,7 +67,7 @@ class VariantTracer:
     ) -> VariantTracer:
         """A tracer for a medium with the `settings` of its wavelength `prepared.node`.
 
-        Pixels drawn by `before` are kept, and so are its images if its `key` is the same.
+        Pixels drawn by `before` and its costs are kept, and its images if its `key` is the same.
         """
         mine = replace(settings, method="source", audit=False, subpixels=False)
         temperature = temperature_of(scene, prepared, visible=mine.visible)
@@ -89,6 +89,7 @@ class VariantTracer:
             temperature=temperature,
             earlier={} if before is None else before._reusable(key, prepared),
             key=key,
+            costs=[] if before is None else before.costs,
         )
 
     def _reusable(self, key: Any, prepared: Prepared) -> dict[float, ImagePair]:
