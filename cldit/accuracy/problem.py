@@ -128,8 +128,10 @@ class Problem:
                 ),
             )
         key, tracer = self._tracer
-        if tracer.settings.light != resolution.light:  # coarse images are kept
-            tracer = replace(tracer, settings=replace(tracer.settings, light=resolution.light))
+        if tracer.settings.light != resolution.light:
+            settings = replace(tracer.settings, light=resolution.light)
+            # All images that are compared have light of equally larger cells.
+            tracer = replace(tracer, settings=settings, levels={}, variants={}, earlier={})
             self._tracer = key, tracer
         return resolution, tracer
 
