@@ -110,7 +110,13 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
         second = replace(
             tracer,
             scene=changed,
-            settings=replace(settings, method="source", audit=False, subpixels=False),
+            settings=replace(
+                settings,
+                method="source",
+                audit=False,
+                subpixels=False,
+                light=tracer.settings.light,
+            ),
             prepared=medium,
             levels={},
             variants={},

@@ -77,6 +77,9 @@ def _for_spray(
     elif "cells" not in free_sources(scene):
         cells = Cells(depth, predicted_error(tracer, depth)[0])
     else:
+        with problem.stages.stage("coarse light"):
+            resolution = replace(resolution, light=light_doublings(tracer))
+        resolution, tracer = problem.tracer(resolution)
         allocation, found = _choose_cells(problem, resolution, allocation, tracer)
         cells = found or Cells(depth, None)
     resolution = resolution.at_depth(cells.depth).limited("cells", cells.limited)
@@ -164,6 +167,7 @@ _FINEST = 12  # 4096 cells along an edge
 _SAFE = 0.92  # of the tolerance, which predicted errors aim at
 _ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
 _CLOSE = 1.1  # of the tolerance: a coarse trace of the image's own cells costs as much as that
+_LIGHT, _MOST_LIGHT = 0.3, 2  # error of the light over that of the cells, and its doublings
 _ACROSS = 32  # cells across the image, of the coarsest trace
 _ALL_HALVINGS = (
     f"the cube is halved {_FINEST} times at most; allowed: a smaller domain.edge_m, or a larger "
@@ -193,6 +197,39 @@ def coarse_depths(tracer: VariantTracer) -> range:
     return range(min(depth, _FINEST - 3), _FINEST - 2)
 
 
+def _second_level(tracer: VariantTracer) -> int:
+    """Traces the two coarsest levels, and returns the halvings of the second; raises as
+    `choose_cells`."""
+    coarse = coarse_depths(tracer)
+    depth, traced = coarse[0] - 1, 0
+    while traced < 2:
+        depth += 1
+        try:
+            tracer.level(depth)
+            traced += 1
+        except (SprayError, TransportError):  # as in `error_at`
+            if depth >= coarse[-1]:
+                raise
+            traced = 0
+    return depth
+
+
+def light_doublings(tracer: VariantTracer) -> int:
+    """Doublings of the cells' edge for the sweeps, with little error beside that of the cells.
+
+    On coarse cells of h, C is the difference by cells of 2 h and L that by the light of 2 h alone.
+    By first order the light of H has the error L H / h.
+    """
+    depth = _second_level(tracer)
+    own, larger = tracer.level(depth), tracer.level(depth - 1)
+    lent = tracer.changed("light", depth, {"light": 1})
+    cells_K, light_K = (
+        max(one.error_K or 0.0 for one in tracer.difference(own, other)) for other in (larger, lent)
+    )
+    most = _LIGHT * cells_K / light_K if light_K > 0.0 else 1.0
+    return min(max(int(math.log2(most)), 0), _MOST_LIGHT) if most > 0.0 else 0
+
+
 def choose_cells(
     tracer: VariantTracer, allowed_K: Callable[[ImagePair], float], say: Callable[[str], None]
 ) -> Cells | None:
@@ -208,18 +245,7 @@ def choose_cells(
         MediumError: not even coarse cells fit the memory.
     """
     cube = tracer.prepared.cube
-    coarse = coarse_depths(tracer)
-    depth, traced = coarse[0], 0
-    while traced < 2:
-        say(f"coarse trace: cells of {1e3 * cube.at(depth).cell_m:.3g} mm")
-        try:
-            tracer.level(depth)
-            traced += 1
-        except (SprayError, TransportError):  # as in `error_at`
-            if depth >= coarse[-1]:
-                raise
-            traced = 0
-        depth += 1
+    depth = 1 + _second_level(tracer)
     while True:
         say(f"coarse trace: cells of {1e3 * cube.at(depth).cell_m:.3g} mm")
         try:

@@ -9,7 +9,6 @@ from cldit.accuracy.errors import Cause, Errors
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.discretisation import ORDINATES
 from cldit.accuracy.trace_error import TraceError
-from cldit.accuracy.variant_tracer import CoarseCost
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources
@@ -17,6 +16,7 @@ from cldit.medium.resolution import counted
 from cldit.prepare.cell_choice import cell_bytes, memory_bytes
 from cldit.scene import Scene
 from cldit.transport.trace import TraceSettings
+from cldit.transport.trace_cost import TraceCost
 
 
 def refinement(errors: Errors, number: int, most: int) -> tuple[str, ...]:
@@ -97,7 +97,7 @@ def expected(
     sources: Sources,
     settings: Sequence[TraceSettings],
     *,
-    coarse: Sequence[CoarseCost],
+    coarse: Sequence[TraceCost],
     allocation: Allocation,
     limits: Mapping[str, str],
 ) -> tuple[str, ...]:

@@ -3,14 +3,10 @@
 All variants are traced with the same ordinates, whose errors partly cancel in a difference; the
 rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image some pixels
 are drawn (`cldit.accuracy.drawn_pixels`), the same for all traces of a run.
-
-The cost of the image is expected from that of the coarse traces: sweeps take time in proportion to
-cells and ordinates, rays of the image to pixels and to the cells along a ray.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -31,6 +27,7 @@ from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
 from cldit.transport.cells import OpticalCells
 from cldit.transport.trace import Trace, TraceSettings, trace
+from cldit.transport.trace_cost import TraceCost
 from cldit.transport.view import View
 
 _LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
@@ -56,7 +53,7 @@ class VariantTracer:
     earlier: Mapping[float, ImagePair] = field(default_factory=dict)
     variants: dict[tuple[str, int], ImagePair] = field(default_factory=dict)
     key: Any = None
-    costs: list[CoarseCost] = field(default_factory=list)
+    costs: list[TraceCost] = field(default_factory=list)
 
     @classmethod
     def of(
@@ -70,7 +67,7 @@ class VariantTracer:
     ) -> VariantTracer:
         """A tracer for a medium with the `settings` of its wavelength `prepared.node`.
 
-        Pixels drawn by `before` are kept, and so are its images if its `key` is the same.
+        Pixels drawn by `before` and its costs are kept, and its images if its `key` is the same.
         """
         mine = replace(settings, method="source", audit=False, subpixels=False)
         temperature = temperature_of(scene, prepared, visible=mine.visible)
@@ -92,6 +89,7 @@ class VariantTracer:
             temperature=temperature,
             earlier={} if before is None else before._reusable(key, prepared),
             key=key,
+            costs=[] if before is None else before.costs,
         )
 
     def _reusable(self, key: Any, prepared: Prepared) -> dict[float, ImagePair]:
@@ -193,11 +191,12 @@ class VariantTracer:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         (tree,) = self.prepared.octrees(frame, [sources], split)
         pixels = None if self.drawn is None else self.drawn.sample.pixels
-        found, cost = CoarseCost.measured(
+        found, cost = TraceCost.measured(
             self.device,
             counted(frame, sources, self.device).swept,
             settings,
             lambda: trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays),
+            chance=None if self.drawn is None else self.drawn.chance,
         )
         self.costs.append(cost)
         return ImagePair.of(found)
@@ -229,40 +228,3 @@ def temperature_of(
     nothing = build_octree(prepared.cube.at(0), None, [], optical_depth_split=1.0)
     view = View.of(scene, OpticalCells.of(nothing, patches=names), prepared.device)
     return NodeTemperature.of(scene, prepared.node, view.sees_background_alone, visible=visible)
-
-
-@dataclass(frozen=True)
-class CoarseCost:
-    """Measured cost of one coarse trace: swept cells, ordinates, pixels, and core seconds of the
-    sweeps and of the rest."""
-
-    cells: int
-    ordinates: int
-    pixels: int
-    sweeps_s: float
-    rays_s: float
-
-    @classmethod
-    def measured(
-        cls, device: Device, cells: int, settings: TraceSettings, work: Callable[[], Trace]
-    ) -> tuple[Trace, CoarseCost]:
-        """Traces and measures: core seconds of this process, on a GPU those of the clock."""
-        clock = time.process_time if device.is_cpu else time.perf_counter
-        start = clock()
-        found = work()
-        spent_s = clock() - start
-        whole = sum(found.seconds.values())
-        spent_s /= max(whole, 1e-9)  # core seconds for a second; compilation is paid once
-        swept = found.seconds.get("scattering", 0.0)
-        seen = found.seconds.get("image", 0.0) + found.seconds.get("gather", 0.0)
-        pixels = found.weights.background.size
-        ordinates = settings.final_directions
-        return found, cls(cells, ordinates, pixels, swept * spent_s, seen * spent_s)
-
-    def scaled_s(self, cells: int, ordinates: int, pixels: int, wavelengths: int) -> float:
-        """Core seconds of an image of `wavelengths` with so many ordinates in all."""
-        more = cells / max(self.cells, 1)  # an empty medium has none
-        return float(
-            self.sweeps_s * more * ordinates / self.ordinates
-            + self.rays_s * more ** (1 / 3) * pixels / self.pixels * wavelengths
-        )

@@ -11,6 +11,7 @@ MEASUREMENTS = (
     "ablation",
     "budget_reference",
     "calibration",
+    "cell_error",
     "cost_cases",
     "device_cost",
     "device_reference",

@@ -14,7 +14,7 @@ from cldit.medium.frame import BRICK
 from cldit.medium.limiter import limited
 from cldit.medium.octree import Octree
 from cldit.transport.cells import OpticalCells, SweptBox
-from cldit.transport.discrete_ordinates.gradients import _beside
+from cldit.transport.discrete_ordinates.gradients import beside_on_axes
 from cldit.transport.linear_coefficients import _coarse, _positive
 
 # As |g| is 2 at most, a value of |s| up to 3/2 S has 3/4 S in the middle at least, and falls by 3/4
@@ -193,7 +193,7 @@ def spatial_gradients(
     every = np.arange(len(cells.address))
     gradient = np.zeros((3, *light.shape), light.dtype)
     root = np.sqrt(cells.depth[cells.address]).astype(light.dtype)
-    beside = _beside(cells, box, (-1, 1), np.ones(len(every), bool))
+    beside = beside_on_axes(cells, box, (-1, 1), np.ones(len(every), bool))
     for along, (below, above) in zip(gradient, beside, strict=True):
         sides = np.where((below >= 0) & (above >= 0), 1, 2).astype(light.dtype)
         for there, sign in ((below, -1), (above, 1)):

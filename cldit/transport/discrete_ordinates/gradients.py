@@ -38,7 +38,7 @@ class Gradients:
         chosen = (lengths < tuning.linear_lengths) & (depth < tuning.diffusion_most)
         axes = [
             _along(depth, *beside, alike=tuning.alike)
-            for beside in _beside(cells, box, (-2, -1, 1, 2), chosen)
+            for beside in beside_on_axes(cells, box, (-2, -1, 1, 2), chosen)
         ]
         return cls(
             neighbours=np.concatenate([neighbours for neighbours, _ in axes]),
@@ -69,7 +69,7 @@ def diffusion_matters(cells: OpticalCells, *, scattered: float | Floats, tuning:
     return bool(diffuses.any())
 
 
-def _beside(
+def beside_on_axes(
     cells: OpticalCells, box: SweptBox, offsets: Sequence[int], chosen: Mask
 ) -> Iterator[list[Numbers]]:
     """Yields for x, y and z the numbers (N,) of the chosen cells at these offsets; -1: none."""

@@ -14,11 +14,11 @@ import pytest
 from cldit.accuracy import remarks
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.remarks import expected
-from cldit.accuracy.variant_tracer import CoarseCost
 from cldit.medium.frame import Frame
 from cldit.medium.octree import PointSource, Sources
 from cldit.scene import Scene, load_scene
 from cldit.transport.trace import TraceSettings, settings_for
+from cldit.transport.trace_cost import TraceCost
 
 GB = 1e9
 
@@ -33,7 +33,7 @@ def box() -> Sources:
 def remark(
     *,
     depth: int = 6,
-    coarse: CoarseCost | None,
+    coarse: TraceCost | None,
     ordinates: int = 24,
     keys: Mapping[str, Any] | None = None,
     predicted_K: Mapping[str, float] | None = None,
@@ -49,7 +49,7 @@ def remark(
     )  # fmt: skip
 
 
-COARSE = CoarseCost(cells=32**3, ordinates=24, pixels=10_000, sweeps_s=1.0, rays_s=1.0)
+COARSE = TraceCost(cells=32**3, ordinates=24, pixels=10_000, sweeps_s=1.0, rays_s=1.0)
 
 
 def test_sweeps_grow_with_cells_and_ordinates_rays_with_pixels() -> None:
@@ -109,6 +109,21 @@ def test_a_trace_is_measured() -> None:
     for seconds, share in (({"scattering": 0.9, "image": 0.1}, 0.9), ({}, 0.0)):
         made: Any = SimpleNamespace(seconds=seconds, weights=image)
         made.self = made
-        found, cost = CoarseCost.measured(device, 8, settings, partial(getattr, made, "self"))
+        found, cost = TraceCost.measured(device, 8, settings, partial(getattr, made, "self"))
         assert found is made and (cost.cells, cost.ordinates, cost.pixels) == (8, 24, 12)
         assert cost.sweeps_s == pytest.approx(share * (cost.sweeps_s + cost.rays_s))
+
+
+def test_drawn_pixels_see_more_medium_than_those_of_the_image() -> None:
+    """Of 1000 pixels 10 see the medium and 5 of them were drawn, with 5 of the 990 others: rays of
+    the whole image take twice as long."""
+    background = np.array([[0.5] * 5 + [1.0] * 5])
+    chance = np.array([[1 / 2] * 5 + [1 / 198] * 5])
+    made: Any = SimpleNamespace(
+        seconds={"image": 1.0}, weights=SimpleNamespace(background=background)
+    )
+    device: Any = SimpleNamespace(is_cpu=False)
+    settings: Any = SimpleNamespace(final_directions=24)
+    _, cost = TraceCost.measured(device, 8, settings, lambda: made, chance=chance)
+    assert cost.pixels == pytest.approx(500)
+    assert cost.scaled_s(8, 24, 1000, 1) == pytest.approx(2 * cost.rays_s)

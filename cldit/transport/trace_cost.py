@@ -1,0 +1,71 @@
+"""Measured cost of a trace, and that of a larger one which is expected from it.
+
+Sweeps take time in proportion to cells and ordinates, rays of the image to the pixels that see the
+medium and to the cells along a ray.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cldit.arrays import Floats
+from cldit.gpu.device import Device
+from cldit.transport.result import Trace, TraceSettings
+
+
+@dataclass(frozen=True)
+class TraceCost:
+    """Measured cost of a trace: swept cells, ordinates, pixels, core seconds of sweeps and rays.
+
+    Of drawn pixels, most of which see the medium, `pixels` are those of a whole image that takes as
+    long.
+    """
+
+    cells: int
+    ordinates: int
+    pixels: float
+    sweeps_s: float
+    rays_s: float
+
+    @classmethod
+    def measured(
+        cls,
+        device: Device,
+        cells: int,
+        settings: TraceSettings,
+        work: Callable[[], Trace],
+        *,
+        chance: Floats | None = None,
+    ) -> tuple[Trace, TraceCost]:
+        """Traces and measures: core seconds of this process, on a GPU those of the clock.
+
+        `chance` are the inclusion probabilities (1, N) of drawn pixels; None: all are traced.
+        """
+        clock = time.process_time if device.is_cpu else time.perf_counter
+        start = clock()
+        found = work()
+        spent_s = clock() - start
+        whole = sum(found.seconds.values())
+        spent_s /= max(whole, 1e-9)  # core seconds for a second; compilation is paid once
+        swept = found.seconds.get("scattering", 0.0)
+        seen = found.seconds.get("image", 0.0) + found.seconds.get("gather", 0.0)
+        background = found.weights.background
+        pixels, sees = float(background.size), background < 1
+        if chance is not None and sees.any():
+            # Horvitz and Thompson: the share of the whole image's pixels that see the medium.
+            share = np.sum(1.0 / chance[sees]) / np.sum(1.0 / chance)
+            pixels = float(np.count_nonzero(sees) / share)
+        ordinates = settings.final_directions
+        return found, cls(cells, ordinates, pixels, swept * spent_s, seen * spent_s)
+
+    def scaled_s(self, cells: int, ordinates: int, pixels: int, wavelengths: int) -> float:
+        """Core seconds of an image of `wavelengths` with so many ordinates in all."""
+        more = cells / max(self.cells, 1)  # an empty medium has none
+        return float(
+            self.sweeps_s * more * ordinates / self.ordinates
+            + self.rays_s * more ** (1 / 3) * pixels / self.pixels * wavelengths
+        )
