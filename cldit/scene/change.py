@@ -4,10 +4,13 @@ import copy
 import re
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cldit.errors import SceneError
 from cldit.io.plain_data import parse_yaml
+
+if TYPE_CHECKING:
+    from cldit.scene.schema import Scene
 
 _PART = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[-?[0-9]+\])*)")
 
@@ -39,6 +42,17 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
         _check(here, steps[-1], path)
         here[steps[-1]] = value
     return made
+
+
+def value_at(scene: "Scene", key: str) -> Any:
+    """Value of a scene at a path such as `spray.plumes[2].mass_fraction`."""
+    here: Any = scene.model_dump(mode="json")
+    for part in key.replace("[", ".").replace("]", "").split("."):
+        try:
+            here = here[int(part)] if isinstance(here, list) else here[part]
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise SceneError(f"{key}: the scene has no such key") from error
+    return here
 
 
 def _steps(path: str) -> list[str | int]:

@@ -31,6 +31,7 @@ MEASUREMENTS = (
     "live_timing",
     "memory",
     "mutations",
+    "models_small",
     "named_changes",
     "optics",
     "pixel_sampling",

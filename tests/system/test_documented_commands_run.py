@@ -39,6 +39,7 @@ _NEEDS_GDI = ("docs/dit.md", "docs/rig.md", "docs/scattering.md", "docs/view.md"
 NOT = {
     "cldit bench --only budget --out docs": "hours; tests/unit/bench runs it on a small scene",
     "cldit study all": "an hour; the same with --quick is run",
+    "cldit study models": "hours; tests/system/test_study.py runs it on a small scene",
     "cldit plan --separate": "two scenes of the reader; tests/unit/dit runs it",
     "cldit fit": "a measurement of the reader's scene; tests/unit/study runs it on a twin",
     "cldit check-driver modbus_blackbody": "needs an instrument; tests/drivers has an emulated one",
