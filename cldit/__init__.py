@@ -5,6 +5,8 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from cldit.io.presented import Presented as _Presented
+
 if TYPE_CHECKING:
     from cldit.api.evaluated import evaluate as evaluate
     from cldit.api.exporting import export as export
@@ -69,6 +71,13 @@ _RENAMED = {
 }
 
 __all__ = ["__version__", *sorted(_HOMES)]
+
+
+def _figures() -> Any:
+    return import_module("cldit.show.figures.plot")
+
+
+_Presented.load_figures = _figures
 
 
 def __getattr__(name: str) -> Any:

@@ -6,6 +6,7 @@ from typing import Generic, Literal, TypeVar, get_args
 
 from pydantic import model_validator
 
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.rig.checks import check_setpoint
 from cldit.rig.clock import Clock
 from cldit.rig.errors import ConfigRejected, OddAnswer
@@ -19,10 +20,10 @@ from .line_address import LineAddress
 
 Unit = Literal["celsius", "fahrenheit", "kelvin"]
 UNITS: tuple[Unit, ...] = get_args(Unit)
-_SCALES = {"celsius": (273.15, 1.0), "fahrenheit": (459.67, 1.8), "kelvin": (0.0, 1.0)}
+_SCALES = {"celsius": (ZERO_CELSIUS_K, 1.0), "fahrenheit": (459.67, 1.8), "kelvin": (0.0, 1.0)}
 _COLDEST, _HOTTEST = 0.5, 1.5  # factors of the limits, beyond which an answer is impossible
 _AGREE_K = 0.1  # a set point is read back rounded to a tenth
-_ROOM_K = (273.15, 313.15)  # of a body that is off
+_ROOM_K = (ZERO_CELSIUS_K, 313.15)  # of a body that is off
 _OVERSHOOT = 1.05  # of the upper limit
 
 

@@ -220,12 +220,21 @@ class ScpiLine:
 
         return self._exchange(command, ask)
 
-    def ask(self, command: str, parse: Callable[[str], T], *, once: bool = False) -> T:
+    def ask(
+        self, command: str, parse: Callable[[str], T], *, once: bool = False, more_s: float = 0.0
+    ) -> T:
         """Result of `parse` for the answer, whose errors but ConfigRejected break the link; raises
-        as `query`. Unless `once`, the command may be repeated."""
+        as `query`. Unless `once`, the command may be repeated. `more_s`: additional time to wait
+        for an instrument that answers when it is done."""
+
+        def answer() -> T:
+            usual, self._visa.timeout = self._visa.timeout, self._visa.timeout + 1e3 * more_s
+            got = str(self._visa.query(command)).strip()
+            self._visa.timeout = usual  # after an error, the line is closed
+            return parse(got)
 
         def work() -> T:
-            return self._exchange(command, lambda: parse(str(self._visa.query(command)).strip()))
+            return self._exchange(command, answer)
 
         result: T = work() if once else self._again(work)
         return result

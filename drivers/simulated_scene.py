@@ -13,8 +13,10 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from cldit.arrays import Floats
+from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
 from cldit.errors import RunFolderError, SceneError
 from cldit.optics.response import scene_filter
@@ -22,8 +24,9 @@ from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.rig.protocols import FilterName, SpectralFilter
 from cldit.run.ensemble import member_folder
-from cldit.run.folder import node_folders
+from cldit.run.stored_files import node_folders
 from cldit.scene import Scene, load_scene
 from cldit.scene.checks import Section, Within
 from cldit.scene.delays import SAME_s, delay_text, spray_time_s
@@ -38,6 +41,10 @@ ABOUT = DriverAbout("bench", "the scene of the simulated instruments", "simulate
 class SceneSettings(Section):
     run: Path  # folder with scene.yaml, weights/ and weights_reference/, and members/ of several
     runs: tuple[Path, ...] = ()  # of the same scene at other times of the spray
+    # Behind each filter of a wheel, runs of the same scene with other `optics`, in place of these.
+    filters: dict[FilterName, Annotated[tuple[Path, ...], Field(min_length=1)]] = Field(
+        default_factory=dict
+    )
     shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: the scene's
     windows: Windows | None = None  # in front of the camera; None: the scene's
     window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # unknown to the evaluation
@@ -70,19 +77,23 @@ class SimulatedScene:
     """Simulated optical bench of one rig."""
 
     def __init__(self, settings: SceneSettings, context: RigContext) -> None:
-        self._runs = [context.folder / run for run in (settings.run, *settings.runs)]
+        self._runs = [
+            [context.folder / run for run in runs]
+            for runs in ((settings.run, *settings.runs), *settings.filters.values())
+        ]  # without a wheel, then behind each filter
         self._settings = settings
         self._clock = context.clock
         self._seed = context.seed
         self._lock = threading.Lock()
-        self._loaded: tuple[_Loaded, ...] = ()
+        self._loaded: tuple[tuple[_Loaded, ...], ...] = ()  # as `_runs`
         self._cameras: list[Listener] = []
         self._temperature: Callable[[float], float] | None = None
+        self._wheel: Callable[[float], int | None] | None = None
         self._first_member = int(self.random(context.clock.now_s(), 6).integers(2**31))
         self._member = lru_cache(maxsize=_KEPT_MEMBERS)(self._read_member)
 
-    def _read_member(self, place: int, number: int) -> "_Loaded":
-        return _Loaded.read(member_folder(self._runs[place], number), self._settings)
+    def _read_member(self, behind: int, place: int, number: int) -> "_Loaded":
+        return _Loaded.read(member_folder(self._runs[behind][place], number), self._settings)
 
     def open(self) -> None:
         """Reads the runs, when the first device connects.
@@ -91,13 +102,28 @@ class SimulatedScene:
         """
         with self._lock:
             if not self._loaded:
-                loaded = tuple(_Loaded.read(run, self._settings) for run in self._runs)
-                _check_times(self._runs, [run_data.scene for run_data in loaded])
+                loaded = tuple(
+                    tuple(_Loaded.read(run, self._settings) for run in runs) for runs in self._runs
+                )
+                for runs, loaded_runs in zip(self._runs, loaded, strict=True):
+                    _check_times(runs, [run_data.scene for run_data in loaded_runs])
+                for name, behind in zip(self._settings.filters, loaded[1:], strict=True):
+                    _check_filter(name, behind, loaded[0])
                 self._loaded = loaded
 
     @property
     def scene(self) -> Scene:
         return self._opened[0].scene
+
+    @property
+    def filters(self) -> tuple[SpectralFilter, ...]:
+        """Filters of a wheel, with the camera's calibration."""
+        self.open()
+        behind = zip(self._settings.filters, self._loaded[1:], strict=True)
+        return tuple(
+            _spectral_filter(number, name, runs[0].scene)
+            for number, (name, runs) in enumerate(behind, 1)
+        )
 
     @property
     def spray_times_s(self) -> tuple[float, ...]:
@@ -108,26 +134,39 @@ class SimulatedScene:
     @property
     def _opened(self) -> "tuple[_Loaded, ...]":
         self.open()
-        return self._loaded
+        return self._loaded[0]
 
-    def _at(self, pulse: Pulse) -> "_Loaded":
+    def _at(self, pulse: Pulse, behind: int) -> "_Loaded":
         """The run of the spray nearest in time; of several injections, the one of this pulse.
 
         Each session begins with another member, as it depends on the time of opening.
         """
+        self.open()
         place = 0
-        if len(self._opened) > 1:
-            off_s = [abs(time_s - pulse.after_injection_s) for time_s in self.spray_times_s]
+        runs = self._loaded[behind]
+        if len(runs) > 1:
+            times_s = [spray_time_s(run.scene) or 0.0 for run in runs]
+            off_s = [abs(time_s - pulse.after_injection_s) for time_s in times_s]
             place = off_s.index(min(off_s))
-        nearest = self._opened[place]
+        nearest = runs[place]
         members = members_of(nearest.scene)
         if members == 1 or not pulse.injected:
             return nearest
-        return self._member(place, 1 + (self._first_member + pulse.injection) % members)
+        return self._member(behind, place, 1 + (self._first_member + pulse.injection) % members)
 
     def attach_blackbody(self, temperature_K: Callable[[float], float]) -> None:
         """Connects the black body, whose temperature is read at each exposure."""
         self._temperature = temperature_K
+
+    def attach_wheel(self, place: Callable[[float], int | None]) -> None:
+        """Connects a filter wheel: index of its filter at a time, None while it moves. Raises
+        SceneError if there are no filters."""
+        if not self._settings.filters:
+            raise SceneError(
+                "bench: filters: is missing; a simulated wheel needs the run folders behind each "
+                "of its filters in the settings of the bench: `filters: {NAME: [FOLDER], ..}`"
+            )
+        self._wheel = place
 
     def attach_camera(self, camera: Listener) -> None:
         """Connects a camera to the trigger line."""
@@ -151,7 +190,10 @@ class SimulatedScene:
 
     def radiance(self, pulse: Pulse) -> Floats:
         """Photon radiance on the sensor (h, w) at the pulse, photons s-1 m-2 sr-1."""
-        run = self._at(pulse)
+        place = -1 if self._wheel is None else self._wheel(pulse.time_s)
+        run = self._at(pulse, 0 if place is None else place + 1)
+        if place is None:  # the wheel's rim, too cold to be seen
+            return np.zeros_like(run.reference.images["background"], np.float64)
         background_K = run.scene.rig.background_start_K
         if self._temperature is not None:
             background_K = self._temperature(pulse.time_s)
@@ -251,7 +293,36 @@ def _check_times(runs: Sequence[Path], scenes: Sequence[Scene]) -> None:
         times_s += [] if time_s is None else [time_s]
 
 
+def _spectral_filter(position: int, name: str, scene: Scene) -> SpectralFilter:
+    """The filter of a scene, with its camera's calibration."""
+    model = SensorModel.from_scene(scene)
+    stated = model.calibration().to_dict()
+    return SpectralFilter(
+        position=position,
+        name=name,
+        filter_um=stated["filter_um"],
+        integration_time_s=model.integration_time_s,
+        counts_per_radiance=stated["counts_per_radiance"],
+    )
+
+
+def _check_filter(name: str, runs: Sequence["_Loaded"], plain: Sequence["_Loaded"]) -> None:
+    """Raises SceneError unless the runs behind a filter are those without a wheel but for the
+    optics: only their filter may differ."""
+
+    def scenes(part: Sequence["_Loaded"]) -> list[dict[str, Any]]:
+        timed = sorted((run.scene for run in part), key=lambda scene: spray_time_s(scene) or 0.0)
+        return [scene.model_dump(exclude=_OF_A_FILTER) for scene in timed]
+
+    if scenes(runs) != scenes(plain):
+        raise SceneError(
+            f"bench: filters: {name}: its runs differ from `run` and `runs` in more than `optics` "
+            "and `transport`; allowed: the same scene at the same times behind another filter"
+        )
+
+
 _OF_A_TIME = {"name": True, "spray": True, "plan": True}
+_OF_A_FILTER = {"name", "optics", "transport", "plan"}
 
 
 def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:

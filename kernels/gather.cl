@@ -240,12 +240,12 @@ __kernel void thick_intervals(
     if (!fill) number[item] = crossed;
 }
 
-/* Mean of `samples` paths for each chosen ray, with the points from `from_point` on. The first dimension
-   of a point is the share of all that thick cells scatter on the line, up to the path's start. */
+/* Means of two independent sets of paths for each chosen ray, with the points from `from_point` on. The first
+   dimension of a point is the share of all that thick cells scatter on the line, up to the path's start. */
 __kernel void gather(
-    __global real *means,         /* out: [part][list], and the number of segments */
-    __global const int *chosen,   /* in: of the rays */
-    const int count, const uint samples, const uint from_point, const uint2 key, const uint half_,
+    __global real *means,         /* out: [half][part][list], the last part the number of segments */
+    __global const int2 *chosen,  /* in: number of a ray, and of the samples of either half */
+    const int count, const uint from_point, const uint2 key,
     __global const uint *points,  /* in: low-discrepancy, one a path */
     __global const real4 *list,   /* in: of rays, see ray_at */
     __global const uint *numbers, /* in: of rays, for random numbers */
@@ -269,8 +269,10 @@ __kernel void gather(
     )
 {
     const int item = get_global_id(0);
+    const uint half_ = get_global_id(1);
     if (item >= count) return;
-    const int number = chosen[item];
+    const int number = chosen[item].x;
+    const uint samples = chosen[item].y;
     const real4 at_lens = list[number];
     const Ray ray = ray_at(
         at_lens.x, at_lens.y, at_lens.z, at_lens.w, columns, rows, middle, pitch_x, pitch_z, distance);
@@ -361,9 +363,11 @@ __kernel void gather(
         }
     }
     flush_scores(&pending);
-    for (int c = 0; c < PARTS; ++c) means[in_table(c, count, item)] = total[c] + sum[c] + pending.sum[c];
-    means[in_table(PARTS, count, item)] = segments;
+    const int row = half_ * (PARTS + 1);
+    for (int c = 0; c < PARTS; ++c)
+        means[in_table(row + c, count, item)] = total[c] + sum[c] + pending.sum[c];
+    means[in_table(row + PARTS, count, item)] = segments;
 #ifdef COUNTED
-    means[in_table(WITHIN, count, item)] = pending.crossed;
+    means[in_table(row + WITHIN, count, item)] = pending.crossed;
 #endif
 }

@@ -197,11 +197,11 @@ __kernel void image(__global real *planes, ARGUMENTS)
     for (int c = 0; c < PLANES; ++c) planes[in_table(c, rows * columns, pixel)] = sum[c];
 }
 
-/* The mean of rays through each listed pixel, by the same rays of each: places [right, down] in it, 0 to
-   1 in focus, and points of the aperture, as in ray.h. planes, out: [plane][list]. */
+/* The mean of rays through each listed pixel. places: [right, down] in it, 0 to 1 in focus, and points of
+   the aperture, as in ray.h; ranges: first and number of each pixel's. planes, out: [plane][list]. */
 __kernel void refine(
     __global real *planes, __global const int *list, const int count, __global const real4 *places,
-    const int rays, ARGUMENTS)
+    __global const int2 *ranges, ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -211,8 +211,9 @@ __kernel void refine(
     const Medium medium = MEDIUM;
     real sum[PLANES];
     for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
+    const int first = ranges[item].x, rays = ranges[item].y;
     for (int one = 0; one < rays; ++one) {
-        const real4 at = places[one];
+        const real4 at = places[first + one];
         const Ray ray = ray_at(
             column + at.x, row + at.y, at.z, at.w, columns, rows, middle, pitch_x, pitch_z, distance);
         formal_solution(sum, &ray, &medium);

@@ -14,7 +14,9 @@ from cldit.rig.load import open_rig
 from cldit.testing.backgrounds import background_steps
 from cldit.testing.bed import Bed, Make, beds_of
 from cldit.testing.cameras import camera_steps
+from cldit.testing.run import HARMLESS
 from cldit.testing.triggers import trigger_steps
+from cldit.testing.wheels import wheel_steps
 from tests.emulators.beds import BEDS
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
@@ -24,9 +26,15 @@ else:
 
 CAMERAS = ("gige_camera", "aravis_camera")  # a session takes a second, and has many replies
 MANY = (*CAMERAS, "pulse_generator")  # replies: all of them are for the slow tests
-FIRST = {"modbus_blackbody-eurotherm-tcp", "fluke418x-tcp", "dg645-tcp"}  # of the first tier
+FIRST = {
+    "modbus_blackbody-eurotherm-tcp",
+    "fluke418x-tcp",
+    "dg645-tcp",
+    "fw102c-serial",
+}  # of the first tier
 _SIMULATED = {
     "simulated_camera": "camera",
+    "simulated_filter_wheel": "filter_wheel",
     "simulated_blackbody": "background",
     "simulated_injector": "trigger",
 }
@@ -37,12 +45,17 @@ def simulated(driver: str, rig: dict[str, Any]) -> Make:
     part = _SIMULATED[driver]
 
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
-        after = {"camera": 1, "background": 2, "trigger": 1}[part]
+        if part == "filter_wheel" and part not in rig:
+            run = rig["bench"]["settings"]["run"]
+            rig["bench"]["settings"]["filters"] = {"first": [run], "second": [run]}
+            rig[part] = {"driver": driver, "settings": {}}
+        after = {"camera": 1, "filter_wheel": None, "background": 2, "trigger": 1}[part]
         rig[part]["settings"]["unplug_after"] = after
         opened = open_rig(rig)
         device: Any = opened.devices[part]
         steps = {
             "camera": lambda: camera_steps(device, lambda: device.hear(Pulse(0.0, False, 1))),
+            "filter_wheel": lambda: wheel_steps(device),
             "background": lambda: background_steps(device),
             "trigger": lambda: trigger_steps(device),
         }[part]()
@@ -50,6 +63,7 @@ def simulated(driver: str, rig: dict[str, Any]) -> Make:
             opened.camera.connect()
         told = {
             "camera": ("simulated camera", "armed"),
+            "filter_wheel": (),
             "background": ("simulated black body", "set point 420.0 K"),
             "trigger": ("simulated injector", "a trigger injects"),
         }[part]
@@ -74,8 +88,15 @@ def make_of(driver: str, variant: str, rig: dict[str, Any]) -> Make:
         pytest.fail(str(error))
 
 
-def cases(*, simulated: bool = True, cameras: bool = True, slow_cameras: bool = False) -> list[Any]:
-    """Every bed of every installed driver; a driver without one fails."""
+def cases(
+    *,
+    simulated: bool = True,
+    cameras: bool = True,
+    slow_cameras: bool = False,
+    harmless: bool = True,
+) -> list[Any]:
+    """Every bed of every installed driver; a driver without one fails. `harmless`: also of kinds
+    of which nothing can be left on."""
     camera_marks = [pytest.mark.gige, *([pytest.mark.slow] if slow_cameras else [])]
     return [
         pytest.param(
@@ -88,11 +109,12 @@ def cases(*, simulated: bool = True, cameras: bool = True, slow_cameras: bool = 
         if about.kind != "bench"
         and (simulated or about.tested != "simulated")
         and (cameras or name not in CAMERAS)
+        and (harmless or about.kind not in HARMLESS)
         for variant in _variants(name)
     ]
 
 
-def in_tiers() -> list[Any]:
+def in_tiers(*, harmless: bool = True) -> list[Any]:
     """Beds of all drivers of instruments; those beside `FIRST` are for the second tier."""
     return [
         pytest.param(
@@ -100,7 +122,7 @@ def in_tiers() -> list[Any]:
             id=case.id,
             marks=[*case.marks, *([] if case.id in FIRST else [pytest.mark.slow])],
         )
-        for case in cases(simulated=False)
+        for case in cases(simulated=False, harmless=harmless)
     ]
 
 

@@ -38,6 +38,12 @@ def one_camera_at_a_time(request: pytest.FixtureRequest) -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def without_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`cldit evaluate` draws no page, of which four figures take a second: others test it."""
+    monkeypatch.setattr("cldit.cli.evaluate.write_pages", lambda folder: ())
+
+
 @pytest.fixture(autouse=True, scope="module")
 def instruments_are_freed() -> Iterator[None]:
     """A test that leaves an instrument locked would keep another process from a reused address."""

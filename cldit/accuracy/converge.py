@@ -7,7 +7,7 @@ resolution by the same rule of allocation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -40,6 +40,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.prepare.medium import Medium
 from cldit.radiance.point_spread import blur_of
 from cldit.radiance.weights import Weights
+from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
 from cldit.transport.trace import settings_for, trace, trace_each
 
@@ -131,8 +132,21 @@ def converge(problem: Problem, tolerance_K: float) -> Result:
             result = result.limited("cells", better.resolution.limits.get("cells", ""))
             break
         result = result.limited(tried, _NO_GAIN)
-    problem.stages.remark(tuple(remarks.final(problem.scene, result)))
+    problem.stages.remark(tuple(_last_remarks(problem.scene, result)))
     return replace(result, model=_model_spread(problem, newest))
+
+
+def _last_remarks(scene: Scene, result: Result) -> Iterator[str]:
+    """Remarks on unknown errors, and on an error that exceeds the tolerance."""
+    error, transport = result.trace_error, scene.transport
+    yield from result.traces.short
+    if result.errors.why and transport.audit:
+        yield f"error of T_app: {result.errors.text}"
+        return
+    yield from () if error is None else error.unknown_remarks
+    errors = result.errors if transport.audit else remarks.of_trace(scene, error)
+    most = transport.accuracy_K, result.resolution.limits
+    yield from remarks.too_large(errors, *most, emissivity=result.allocation.emissivity)
 
 
 def _model_spread(problem: Problem, result: Result) -> tuple[Cause, ...]:

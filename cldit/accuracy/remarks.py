@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.errors import Cause, Errors
@@ -19,9 +18,6 @@ from cldit.prepare.cell_choice import cell_bytes, memory_bytes
 from cldit.scene import Scene
 from cldit.transport.trace import TraceSettings
 
-if TYPE_CHECKING:
-    from cldit.accuracy.converge import Result
-
 
 def refinement(errors: Errors, number: int, most: int) -> tuple[str, ...]:
     """Remark that the image is traced again."""
@@ -36,19 +32,6 @@ def kept(before: Errors, errors: Errors) -> tuple[str, ...]:
         f"refinement did not help (error {errors.text}): the previous image is kept "
         f"({before.text})",
     )
-
-
-def final(scene: Scene, result: Result) -> Iterator[str]:
-    """Remarks on unknown errors, and on an error that exceeds the tolerance."""
-    error, transport = result.trace_error, scene.transport
-    yield from result.traces.short
-    if result.errors.why and transport.audit:
-        yield f"error of T_app: {result.errors.text}"
-        return
-    yield from () if error is None else error.unknown_remarks
-    errors = result.errors if transport.audit else of_trace(scene, error)
-    most = transport.accuracy_K, result.resolution.limits
-    yield from too_large(errors, *most, emissivity=result.allocation.emissivity)
 
 
 def of_trace(scene: Scene, error: TraceError | None) -> Errors:

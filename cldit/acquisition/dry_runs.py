@@ -68,6 +68,9 @@ def dry_run(rig: Rig, plan: Plan, folder: Path) -> DryRun:
     way_K = float(np.sum(np.abs(np.diff(stops_K))))
     stable = plan.stability
     background_s = way_K * SECONDS_PER_KELVIN + len(order) * (stable.hold_s + stable.settle_s)
+    wheel = rig.filter_wheel  # at the first background all filters, then one is there already
+    moves = 0 if wheel is None else len(order) * max(len(plan.filters) - 1, 0) + 1
+    moving_s = 0.0 if wheel is None else moves * wheel.moving_s
     injected_s = plan.trigger.injector_delay_s + plan.trigger.injector_width_s
     shots_s = sum(
         plan.pause_s
@@ -77,7 +80,7 @@ def dry_run(rig: Rig, plan: Plan, folder: Path) -> DryRun:
     return DryRun(
         shots=len(missing),
         backgrounds_K=tuple(stops_K[1:]),
-        time_s=background_s + shots_s,
+        time_s=background_s + moving_s + shots_s,
         background_s=background_s,
         disk_bytes=needed_bytes(len(missing), picture_bytes=picture_bytes),
         free_bytes=free_bytes(folder),

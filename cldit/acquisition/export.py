@@ -16,12 +16,12 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from cldit.acquisition.plan import Group
 from cldit.acquisition.record import Acquisition, Picture
 from cldit.errors import ClditError
 from cldit.io.data_streams import DataStream, new_hdf
 from cldit.io.extras import needed
 from cldit.io.files import make_folder, whole
-from cldit.scene.delays import delay_text
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}
 
@@ -43,7 +43,7 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
     if not acquisition.shots:
         raise ExportError(f"{acquisition.folder}: holds no images yet")
     if form == "nexus":
-        needed("h5py", extra="export", what="--to nexus:", error=ExportError)
+        needed("h5py", extra="export", needed_by="--to nexus:", error=ExportError)
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
     make_folder(path.parent)
@@ -80,19 +80,22 @@ def _planes(acquisition: Acquisition, shots: list[Picture]) -> Iterator[_Plane]:
 
 
 def _write_ome(acquisition: Acquisition, path: Path) -> None:
-    """A series (OME Image) for each background, delay and kind; T counts shots and frames."""
-    frames, delays = acquisition.plan.frames, acquisition.plan.delays
+    """A series (OME Image) for each background, filter, delay and kind; T counts shots and
+    frames."""
+    frames, plan = acquisition.plan.frames, acquisition.plan
     width_m, height_m = acquisition.pixel_m
 
-    def series(shot: Picture) -> tuple[int, int, bool]:
-        return shot.background, shot.delay, shot.kind != "reference"
+    def series(shot: Picture) -> tuple[int, int, int, bool]:
+        return shot.background, shot.filter, shot.delay, shot.kind != "reference"
 
     big = _size_bytes(acquisition) > 2**32 - 2**25
     with DataStream(path) as stream, tifffile.TiffWriter(stream, ome=True, bigtiff=big) as tiff:
         for _, group in groupby(sorted(acquisition.shots, key=series), key=series):
             shots = list(group)
-            setpoint_K, delay, kind = shots[0].background_setpoint_K, shots[0].delay, shots[0].kind
-            at = f" at {delay_text(delays[delay])}" if len(delays) > 1 else ""
+            setpoint_K, kind = shots[0].background_setpoint_K, shots[0].kind
+            part = Group(shots[0].filter, shots[0].delay)
+            at = f" at {', '.join(words)}" if (words := plan.words(part)) else ""
+            name = plan.filter_name(part)
             # What is stored beside the images is small; the images pass one by one.
             planes = [plane.meta for plane in _planes(acquisition, shots)]
             exposure_s = [meta["integration_time_s"] for meta in planes]
@@ -118,19 +121,20 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
                     },
                     "MapAnnotation": {
                         "background_setpoint_K": f"{setpoint_K:g}",
-                        "camera_delay_s": f"{delays[delay]:.9g}",
+                        "camera_delay_s": f"{plan.delays[part.delay]:.9g}",
+                        **({} if name is None else {"filter": name}),
                         "kind": kind,
                         "shots": json.dumps([shot.id for shot in shots]),
                         "frames_per_shot": str(frames),
                         "background_K": json.dumps([shot.background_K for shot in shots]),
-                        "calibration": json.dumps(acquisition.calibration),
+                        "calibration": json.dumps(acquisition.calibrations[part.filter]),
                     },
                 },
             )
 
 
 def _write_nexus(acquisition: Acquisition, path: Path) -> None:
-    h5py = needed("h5py", extra="export", what="--to nexus:", error=ExportError)
+    h5py = needed("h5py", extra="export", needed_by="--to nexus:", error=ExportError)
     with new_hdf(path, h5py) as (file, check):
         _put_nexus(acquisition, file, check)
 
@@ -199,6 +203,8 @@ def _put_nexus(acquisition: Acquisition, file: Any, check: Callable[[], None]) -
     put(sequence, "frame", [p.number for p in planes])
     delays = acquisition.plan.delays
     put(sequence, "camera_delay", [delays[p.shot.delay] for p in planes], "s")
+    if acquisition.plan.filters:
+        put(sequence, "filter", [p.meta["filter"] for p in planes])
     put(sequence, "complete", acquisition.complete)
     for name, values in (
         ("configuration", acquisition.configuration),

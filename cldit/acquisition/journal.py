@@ -27,6 +27,7 @@ _TYPES: dict[str, type | tuple[type, ...]] = {  # of what an entry may hold
     "sha256": str,
     "file_sha256": str,
     "check": str,
+    "filter": str,
     "background_before_K": _NUMBER,
     "background_after_K": _NUMBER,
     "background_K": _NUMBER,

@@ -31,6 +31,7 @@ from cldit.acquisition.plan import Kind
 from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.acquisition.witness_names import Acceptable
 from cldit.camera.calibration import Calibration
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.errors import EvaluationError, SceneError
 from cldit.io.files import natural_order
 from cldit.io.plain_data import read_mapping
@@ -38,7 +39,7 @@ from cldit.optics.response import Response, to_plain
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import Section, Within, describe
-from cldit.scene.values import ZERO_CELSIUS_K, Filter, Temperature
+from cldit.scene.values import Filter, Temperature
 
 MEASURED = "measured.yaml"
 

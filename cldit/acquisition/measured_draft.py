@@ -13,11 +13,11 @@ from cldit.acquisition.frames import FrameReader, own_reader
 from cldit.acquisition.pictures.kinds import kind_of
 from cldit.acquisition.pictures.names import Reported, reported, without_role, words_of
 from cldit.acquisition.pictures.source import NoDataSet, Source
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.errors import EvaluationError
 from cldit.io.files import natural_order, write_text
 from cldit.io.plain_data import yaml_value
 from cldit.io.text_tables import read_table_text, split_cells
-from cldit.scene.values import ZERO_CELSIUS_K
 
 _BITS = (8, 10, 12, 14, 16)
 _MOST_MISSING = 8  # frame numbers that are listed

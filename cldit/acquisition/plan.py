@@ -1,4 +1,6 @@
-"""Plan of an acquisition as frozen data: backgrounds x delays x {reference, injection} x shots."""
+"""Plan of an acquisition as frozen data: backgrounds x filters x delays x {reference, injection} x
+shots.
+"""
 
 import hashlib
 import json
@@ -14,7 +16,7 @@ from pydantic import ValidationError, field_validator, model_validator
 
 from cldit.errors import SceneError
 from cldit.io.plain_data import dump_yaml, read_mapping
-from cldit.rig.protocols import Burst, Stability
+from cldit.rig.protocols import Burst, FilterName, Stability
 from cldit.scene.camera import USUAL_INTEGRATION_S
 from cldit.scene.checks import Section, Within, describe
 from cldit.scene.delays import SAME_s, delay_text
@@ -40,14 +42,23 @@ class TriggerSection(Section):
 
 @dataclass(frozen=True)
 class Shot:
-    """One image to take. `background` and `delay` are indices into the plan's temperatures and
-    its `delays`."""
+    """One image to take. `background`, `delay` and `filter` are indices into the plan's
+    temperatures, `delays` and `filters`."""
 
     id: str
     background: int
     background_K: float
     kind: Kind
     number: int
+    delay: int = 0
+    filter: int = 0
+
+
+@dataclass(frozen=True)
+class Group:
+    """Shots that are evaluated together: those of one filter and one delay, by their indices."""
+
+    filter: int = 0
     delay: int = 0
 
 
@@ -63,6 +74,9 @@ class Plan(Section):
     delays_s: tuple[Annotated[float, Within(0.0, 1.0)], ...] = ()
     """Delays of the camera's pulse from the generator's start, up to 100. At each background, shots
     and references are taken at every delay; `trigger.camera_delay_s` by default."""
+    filters: tuple[FilterName, ...] = ()
+    """Names of filters of the rig's wheel. At each background, shots and references are taken with
+    every filter and, with each, at every delay; required if the rig has a wheel."""
     frames: Annotated[int, Within(1, 1000)] = 1
     """Images of each shot: one trigger, then the camera's own rate."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] = 25e-6
@@ -100,6 +114,13 @@ class Plan(Section):
                 )
         return delays_s
 
+    @field_validator("filters")
+    @classmethod
+    def _different(cls, filters: tuple[str, ...]) -> tuple[str, ...]:
+        if twice := [name for name in filters if filters.count(name) > 1]:
+            raise ValueError(f"{twice[0]} twice; allowed: each filter once")
+        return filters
+
     @model_validator(mode="after")
     def _possible(self) -> "Plan":
         if self.shots + self.references == 0:
@@ -116,24 +137,41 @@ class Plan(Section):
         """Every delay of the camera's pulse, in seconds, one or more, in the order of recording."""
         return self.delays_s or (self.trigger.camera_delay_s,)
 
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """Every filter with every delay, in the order of recording."""
+        return tuple(
+            Group(number, delay)
+            for number in range(max(len(self.filters), 1))
+            for delay in range(len(self.delays))
+        )
+
+    def filter_name(self, part: Shot | Group) -> str | None:
+        """Name of the filter of a shot or a group; None for a plan without a filter wheel."""
+        return self.filters[part.filter] if self.filters else None
+
     def hash(self) -> str:
         """SHA-256 of the plan as canonical JSON, without the order of the kinds: ids say which.
 
-        One delay gives the same hash in either key, and the hash of plans without `delays_s`.
+        One delay gives the same hash in either key, and the hash of plans without `delays_s`; a
+        plan without filters has the hash that it had before there were any.
         """
         plain = self.model_dump(mode="json", exclude={"interleave"})
         plain["trigger"]["camera_delay_s"] = self.delays[0]
         if len(self.delays) == 1:
             del plain["delays_s"]
+        if not self.filters:
+            del plain["filters"]
         data = json.dumps(plain, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(data.encode()).hexdigest()
 
     def steps(self) -> tuple[Shot, ...]:
         """Every shot, background by background as given, in the order in which they are taken.
 
-        Before a background, one delay follows the other, each with its own references, of which
-        one is first. Ids are `b00_ref_00`, `b00_inj_03`, with several delays `b00_d01_inj_03`: they
-        tell background, delay and shot, and do not depend on the order in which shots are taken.
+        Before a background, one filter follows the other, and with each filter one delay the other,
+        each with its own references, of which one is first. Ids are `b00_ref_00`, `b00_inj_03`,
+        with several delays `b00_d01_inj_03`, with several filters `b00_f01_d01_inj_03`: they tell
+        background, filter, delay and shot, and do not depend on the order in which shots are taken.
         """
         kinds = self._kinds()
         wide = max(2, len(str(len(self.backgrounds_K) - 1)))
@@ -141,24 +179,28 @@ class Plan(Section):
             "reference": max(2, len(str(self.references - 1))),
             "injection": max(2, len(str(self.shots - 1))),
         }
-        several = len(self.delays) > 1
+
+        def place(group: Group) -> str:
+            many = (("f", group.filter, self.filters), ("d", group.delay, self.delays))
+            return "".join(f"{key}{at:02d}_" for key, at, values in many if len(values) > 1)
+
         return tuple(
             Shot(
-                f"b{index:0{wide}d}_{f'd{delay:02d}_' if several else ''}"
-                f"{kind[:3]}_{number:0{digits[kind]}d}",
+                f"b{index:0{wide}d}_{place(group)}{kind[:3]}_{number:0{digits[kind]}d}",
                 index,
                 temperature_K,
                 kind,
                 number,
-                delay,
+                group.delay,
+                group.filter,
             )
             for index, temperature_K in enumerate(self.backgrounds_K)
-            for delay in range(len(self.delays))
+            for group in self.groups
             for kind, number in kinds
         )
 
     def _kinds(self) -> tuple[tuple[Kind, int], ...]:
-        """Kind and number of each shot before one background and at one delay."""
+        """Kind and number of each shot before one background, of one group."""
         counts: tuple[tuple[Kind, int], ...] = (
             ("reference", self.references),
             ("injection", self.shots),
@@ -182,6 +224,11 @@ class Plan(Section):
         to_high = abs(present_K - self.backgrounds_K[upwards[-1]])
         return tuple(upwards if to_low <= to_high else reversed(upwards))
 
+    def from_filter(self, shots: Iterable[Shot], present: str | None) -> tuple[Shot, ...]:
+        """The `shots` of one background with those of the `present` filter first, so that the wheel
+        moves once less."""
+        return tuple(sorted(shots, key=lambda shot: self.filter_name(shot) != present))
+
     def burst(self, shot: Shot) -> Burst:
         """Pulses of the trigger generator for one shot: one pulse, never more."""
         return Burst(
@@ -193,9 +240,15 @@ class Plan(Section):
         )
 
     def describe(self, shot: Shot) -> str:
-        """A shot in words: `440 K, injection 3`; with several delays, the delay too."""
-        delay = f"{delay_text(self.delays[shot.delay])}, " if len(self.delays) > 1 else ""
-        return f"{shot.background_K:g} K, {delay}{shot.kind} {shot.number + 1}"
+        """A shot in words: `440 K, injection 3`; with several filters or delays, these too."""
+        where = "".join(f"{word}, " for word in self.words(shot))
+        return f"{shot.background_K:g} K, {where}{shot.kind} {shot.number + 1}"
+
+    def words(self, part: Shot | Group) -> tuple[str, ...]:
+        """Filter and delay of a shot or a group, as far as the plan has several."""
+        name = (self.filters[part.filter],) if len(self.filters) > 1 else ()
+        delay = (delay_text(self.delays[part.delay]),) if len(self.delays) > 1 else ()
+        return (*name, *delay)
 
     def dump(self) -> str:
         """The plan as YAML, every default written out."""

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from functools import partial
 
 from cldit.acquisition.plan import Plan, Shot
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.rig.checks import check_burst, check_exposure
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.errors import ConfigRejected, OutOfLimits, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Limits, TriggerInfo, TriggerMode
 from cldit.scene.delays import SAME_s, delay_text
-from cldit.scene.values import ZERO_CELSIUS_K
 
 
 def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
@@ -27,6 +27,7 @@ def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
             problems.append(error)
 
     asked(lambda: _check_backgrounds(rig.background.limits, plan))
+    asked(lambda: _check_filters(rig, plan, connected=connected))
     for shot in {shot.delay: shot for shot in plan.steps()}.values():
         asked(partial(_check_times, plan, shot))
     if connected:
@@ -66,6 +67,23 @@ def _check_backgrounds(limits: Limits, plan: Plan) -> None:
     ]
     if outside:
         raise OutOfLimits("the background cannot take the plan:\n" + "\n".join(outside))
+
+
+def _check_filters(rig: Rig, plan: Plan, *, connected: bool) -> None:
+    """The plan names filters if, and only if, the rig has a wheel with them."""
+    wheel = rig.filter_wheel
+    if wheel is None and plan.filters:
+        raise ConfigRejected(
+            f"filters: {', '.join(plan.filters)}: the rig has no filter wheel; allowed: no filters"
+        )
+    if wheel is None or not connected:
+        return
+    names = [item.name for item in wheel.filters]
+    allowed = f"allowed: {', '.join(names)}, those of the filter wheel"
+    if not plan.filters:
+        raise ConfigRejected(f"filters: none: the rig has a filter wheel; {allowed}")
+    if unknown := [name for name in plan.filters if name not in names]:
+        raise ConfigRejected(f"filters: {', '.join(unknown)}: no such filter; {allowed}")
 
 
 def _celsius(temperature: float, limits: Limits) -> str:

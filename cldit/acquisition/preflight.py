@@ -18,7 +18,7 @@ from cldit.errors import RunFolderError
 from cldit.io.plain_data import read_json
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.load import Rig
-from cldit.rig.protocols import TriggerInfo, TriggerMode
+from cldit.rig.protocols import SpectralFilter, TriggerInfo, TriggerMode
 
 _READY_S = 900.0  # a cooled detector takes some minutes
 _AGREE = 0.01  # relative rounding of a setting by an instrument
@@ -45,7 +45,7 @@ class Ready:
     minimum_period_s: float
     trigger: TriggerInfo
     picture_bytes: int  # of a whole shot
-    calibration: Calibration
+    calibrations: tuple[Calibration, ...]  # of the plan's filters; one without a filter wheel
 
 
 def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bool = True) -> Ready:
@@ -83,7 +83,7 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bo
     }
     try:
         devices = json.loads(json.dumps(devices, allow_nan=False))
-        calibration = Calibration.from_dict(devices["camera"]["configuration"]["calibration"])
+        calibrations = [Calibration.from_dict(item) for item in calibrations_of(devices, plan)]
     except KeyError as error:
         raise ConfigRejected(f"camera: its configuration has no {error}") from error
     except (TypeError, ValueError) as error:
@@ -107,8 +107,20 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bo
         minimum_period_s=capabilities.minimum_period_s,
         trigger=external_trigger(modes, plan.frames),
         picture_bytes=picture_bytes,
-        calibration=calibration,
+        calibrations=tuple(calibrations),
     )
+
+
+def calibrations_of(devices: dict[str, Any], plan: Plan) -> list[dict[str, Any]]:
+    """Calibration of the camera with each of the plan's filters, or without any, from the devices
+    of a configuration. Raises KeyError, TypeError or ValueError if that lacks something.
+    """
+    camera = devices["camera"]["configuration"]
+    if not plan.filters:
+        return [camera["calibration"]]
+    stated = devices["filter_wheel"]["configuration"]["filters"]
+    filters = {item["name"]: SpectralFilter.model_validate(item) for item in stated}
+    return [filters[name].calibration(camera) for name in plan.filters]
 
 
 def _agree(setting: str, written: float, read: float, *, tolerance: float = 0.0) -> None:
@@ -164,7 +176,9 @@ def check_same_rig(begun: dict[str, Any], present: dict[str, Any], folder: Path)
         counting = camera.get("features", {})
         features = {name: value for name, value in counting.items() if name in counting_names}
         setup = {name: value for name, value in data["setup"].items() if name not in _HOW_WELL}
-        return {"shape": data["shape"], **setup, **features, **camera["calibration"]}
+        wheel = data["devices"].get("filter_wheel", {}).get("configuration", {})
+        filters = {f"filter {item['name']}": item for item in wheel.get("filters", [])}
+        return {"shape": data["shape"], **setup, **features, **filters, **camera["calibration"]}
 
     try:
         counting_names = begun["devices"]["camera"]["configuration"].get("features", {})

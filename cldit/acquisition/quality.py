@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready
+from cldit.camera.calibration import Calibration
 from cldit.optics.planck import band_radiance
 from cldit.rig.protocols import Frame
 
@@ -38,7 +39,8 @@ def frame_problem(
 
 
 class References:
-    """References of a background and delay, against which an injection without fuel is recognised.
+    """References of a background, filter and delay, against which an injection without fuel is
+    recognised.
 
     Images are compared in blocks of pixels. A possible drift of the black body between two shots is
     removed first, as a change linear in the reference and no larger than the plan's drift_K allows;
@@ -49,10 +51,10 @@ class References:
 
     def __init__(self, plan: Plan, ready: Ready) -> None:
         self._plan = plan
-        self._calibration = ready.calibration
+        self._calibrations = ready.calibrations
         self._side = max(1, min(_BLOCK_pixels, min(ready.shape) // 32))
-        self._sums: dict[tuple[int, int], NDArray[np.float64]] = {}
-        self._counts = Counter[tuple[int, int]]()
+        self._sums: dict[tuple[int, ...], NDArray[np.float64]] = {}
+        self._counts = Counter[tuple[int, ...]]()
 
     def learn(self, shot: Shot, image: NDArray[np.uint16]) -> None:
         """Learns from a kept reference `shot`; its `image` is (h, w) or (n, h, w)."""
@@ -70,10 +72,11 @@ class References:
         if not self._plan.expect_fuel or shot.kind != "injection" or count == 0:
             return None
         reference = self._sums[_place(shot)] / count
-        deviation = np.sqrt(self._variance(reference) * (1.0 + 1.0 / count))
+        camera = self._calibrations[shot.filter]
+        deviation = np.sqrt(self._variance(camera, reference) * (1.0 + 1.0 / count))
         for frame in _frames(image):
             change = self._blocks(frame) - reference
-            change -= self._drift(reference, change, deviation, shot.background_K)
+            change -= self._drift(camera, reference, change, deviation, shot.background_K)
             if np.count_nonzero(np.abs(change) > _STANDS_OUT * deviation) > _BY_CHANCE:
                 return None
         return "failed injection: the image equals the reference within its noise"
@@ -86,8 +89,7 @@ class References:
         # One axis after the other: four times as fast as both at once.
         return np.asarray(cut.sum(axis=1, dtype=np.uint32).sum(axis=2), np.float64)
 
-    def _variance(self, blocks: NDArray[np.float64]) -> NDArray[np.float64]:
-        camera = self._calibration
+    def _variance(self, camera: Calibration, blocks: NDArray[np.float64]) -> NDArray[np.float64]:
         pixels = self._side**2
         signal = np.maximum(blocks / pixels - camera.offset_counts, 0.0)
         shot_noise = signal / camera.electrons_per_count
@@ -96,12 +98,12 @@ class References:
 
     def _drift(
         self,
+        camera: Calibration,
         reference: NDArray[np.float64],
         change: NDArray[np.float64],
         deviation: NDArray[np.float64],
         background_K: float,
     ) -> NDArray[np.float64]:
-        camera = self._calibration
         half_K = 0.5 * self._plan.drift_K
         low, high = (
             float(band_radiance(end_K, filter_um=camera.filter_um))
@@ -117,8 +119,8 @@ class References:
         return np.clip(mean + slope * centred, -limit, limit)
 
 
-def _place(shot: Shot) -> tuple[int, int]:
-    return shot.background, shot.delay
+def _place(shot: Shot) -> tuple[int, ...]:
+    return shot.background, shot.filter, shot.delay
 
 
 def _frames(image: NDArray[np.uint16]) -> NDArray[np.uint16]:

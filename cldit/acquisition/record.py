@@ -1,6 +1,6 @@
 """An acquisition folder, opened for the evaluation."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from cldit.acquisition.journal import shot_times
-from cldit.acquisition.plan import Kind, Plan, load_plan
+from cldit.acquisition.plan import Group, Kind, Plan, Shot, load_plan
+from cldit.acquisition.preflight import calibrations_of
 from cldit.acquisition.storage import (
     CONFIGURATION,
     JOURNAL,
@@ -33,10 +34,10 @@ from cldit.scene.delays import delay_folder
 
 @dataclass(frozen=True)
 class Picture:
-    """One kept shot. `background_K` is the mean of the readings before and after it; `background`
-    and `delay` are indices into the plan's temperatures and delays. time_s, stable_s: when it was
-    taken and its background became stable, since 1970, and sha256 of the file, if the journal
-    knows.
+    """One kept shot. `background_K` is the mean of the readings before and after it; `background`,
+    `delay` and `filter` are indices into the plan's temperatures, delays and filters. time_s,
+    stable_s: when it was taken and its background became stable, since 1970, and sha256 of the
+    file, if the journal knows.
     """
 
     id: str
@@ -47,6 +48,7 @@ class Picture:
     background_K: float
     saturated_percent: float
     delay: int = 0
+    filter: int = 0
     time_s: float | None = None
     stable_s: float | None = None
     sha256: str = ""
@@ -56,7 +58,8 @@ class Picture:
 class Acquisition:
     """Recorded data for the evaluation.
 
-    shots: the kept images in the plan's order. missing: ids of those still to be taken. centre_m:
+    shots: the kept images in the plan's order. calibrations: of the camera with each filter of the
+    shots, by its index in the plan. missing: ids of those still to be taken. centre_m:
     (x, z) of the image's middle, the injector's tip at 0, 0. bad_pixels: (h, w), reported by the
     camera. frame: index of the image of each shot that is loaded. shape: rows and columns.
     configuration: the whole snapshot of the rig. damage: a line for everything damaged and
@@ -66,7 +69,7 @@ class Acquisition:
     folder: Path
     plan: Plan
     configuration: dict[str, Any]
-    calibration: dict[str, Any]
+    calibrations: dict[int, dict[str, Any]]
     surroundings: Surroundings
     pixel_m: tuple[float, float]
     centre_m: tuple[float, float]
@@ -89,6 +92,19 @@ class Acquisition:
         return not self.missing
 
     @property
+    def calibration(self) -> dict[str, Any]:
+        """Calibration of the camera with the filter of the shots. Raises RunFolderError if they
+        have several, because images of different filters are never evaluated together.
+        """
+        if len(self.calibrations) > 1:
+            names = ", ".join(self.plan.filters)
+            raise RunFolderError(
+                f"{self.folder}: contains images of {len(self.calibrations)} filters ({names}); "
+                "allowed: those of one filter, as `cldit evaluate` takes them one after the other"
+            )
+        return next(iter(self.calibrations.values()))
+
+    @property
     def filter_um(self) -> Filter:
         """Lower and upper wavelength of the camera's filter, or its response."""
         return from_plain(self.calibration["filter_um"])
@@ -104,12 +120,17 @@ class Acquisition:
         devices = self.configuration["devices"].values()
         return any(device["info"].get("simulated", False) for device in devices)
 
-    def at_delay(self, delay: int) -> "Acquisition":
-        """Copy with the shots of one delay only, number `delay` of the plan's."""
-        planned = {shot.id for shot in self.plan.steps() if shot.delay == delay}
+    def of_group(self, group: Group) -> "Acquisition":
+        """Copy with the shots of one filter and delay only."""
+
+        def inside(shot: Shot | Picture) -> bool:
+            return (shot.filter, shot.delay) == (group.filter, group.delay)
+
+        planned = {shot.id for shot in self.plan.steps() if inside(shot)}
         return replace(
             self,
-            shots=tuple(shot for shot in self.shots if shot.delay == delay),
+            shots=tuple(shot for shot in self.shots if inside(shot)),
+            calibrations={group.filter: self.calibrations[group.filter]},
             missing=tuple(name for name in self.missing if name in planned),
         )
 
@@ -161,6 +182,16 @@ def maps_folder(folder: Path, delays: Sequence[float], number: int) -> Path:
     return folder / "maps" / delay_folder(delays[number])
 
 
+def maps_of_group(folder: Path, plan: Plan, group: Group) -> Path:
+    """Folder of the maps of a filter and a delay: `maps`, or with several filters `maps/FILTER`,
+    with several delays a folder inside these.
+    """
+    if len(plan.filters) > 1:
+        maps = maps_folder(folder, plan.delays, group.delay)
+        return folder / "maps" / plan.filters[group.filter] / maps.relative_to(folder / "maps")
+    return maps_folder(folder, plan.delays, group.delay)
+
+
 def acquisition_in(folder: str | Path) -> Path:
     """Acquisition folder of a run's `folder`; any other path unchanged."""
     inner = Path(folder) / "acquisition"
@@ -168,7 +199,7 @@ def acquisition_in(folder: str | Path) -> Path:
 
 
 def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
-    """Opens an acquisition, complete or not; with several delays, the shots of all.
+    """Opens an acquisition, complete or not; with several filters or delays, the shots of all.
 
     `frame` selects the image of each shot, from 0. Raises RunFolderError if the folder has no
     acquisition, or files are missing, damaged or foreign.
@@ -188,8 +219,9 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         raise RunFolderError(f"{folder / CONFIGURATION}: belongs to another plan; restore it")
     try:
         camera = configuration["devices"]["camera"]["configuration"]
-        calibration = camera["calibration"]
-        Calibration.from_dict(calibration)
+        calibrations = dict(enumerate(calibrations_of(configuration["devices"], plan)))
+        for calibration in calibrations.values():
+            Calibration.from_dict(calibration)
         setup = Setup.model_validate(configuration["setup"])
         rows, columns = configuration["shape"]
         shape = int(rows), int(columns)
@@ -205,6 +237,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         ) from error
     verified = _verified(folder, content)
     entries = {**content.adoptable, **content.saved}
+    _check_filters(folder, plan, entries)
     times = shot_times(content.entries)
     unknown = (None, None)
     shots = tuple(
@@ -217,6 +250,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             background_K=(entry["background_before_K"] + entry["background_after_K"]) / 2.0,
             saturated_percent=entry["saturated_percent"],
             delay=shot.delay,
+            filter=shot.filter,
             time_s=times.get(shot.id, unknown)[0],
             stable_s=times.get(shot.id, unknown)[1],
             sha256=entry.get("file_sha256", ""),
@@ -228,7 +262,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         folder=folder,
         plan=plan,
         configuration=configuration,
-        calibration=calibration,
+        calibrations=calibrations,
         surroundings=setup.surroundings,
         pixel_m=setup.pixel_m,
         centre_m=setup.centre_of(shape),
@@ -239,6 +273,18 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         frame=frame,
         damage=(*_damage(folder, content), *(() if verified else (f"{folder}: {UNVERIFIED}",))),
     )
+
+
+def _check_filters(folder: Path, plan: Plan, entries: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raises RunFolderError if an image was not recorded with the filter that the plan has."""
+    for shot in plan.steps():
+        if shot.id in entries:
+            recorded, planned = entries[shot.id].get("filter"), plan.filter_name(shot)
+            if recorded != planned:
+                raise RunFolderError(
+                    f"{shot_path(folder, shot.id)}: was recorded with filter {recorded}, planned "
+                    f"was {planned}; restore {folder / JOURNAL} and {folder / PLAN}"
+                )
 
 
 def _verified(folder: Path, content: FolderContent) -> bool:

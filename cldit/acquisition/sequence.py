@@ -9,8 +9,8 @@
    stabilise <--------------------+-----------------+
         | stable                  | next background |
         v                         | or drift        | no background left
-      shoot ----------------------+                 +--------------------------> finished
-        ^  | saved, next shot; or missing frame, retake (bounded)
+  filter, shoot -----------------+                 +--------------------------> finished
+        ^  | saved, next shot; or missing frame or wrong filter, retake (bounded)
         +--+
 
    any state --- Ctrl-C, should_stop (after the shot) ---> stopped
@@ -103,6 +103,7 @@ class Sequence:
         self._done: set[str] = set()
         self._eta = Eta()
         self._picture_bytes = 0
+        self._filter: str | None = None  # to which the wheel was moved last; None: to be moved
 
     def run(self) -> Generator[SavedShot, None, Record]:
         """Takes the missing shots of the plan, and yields each one after it is saved."""
@@ -182,14 +183,14 @@ class Sequence:
                     if kept and shot.kind == "reference":  # of an earlier run
                         image, _ = load_shot(self._folder, shot.id, plan_hash=self._plan.hash())
                         references.learn(shot, image)
-                for shot in missing:
-                    if shot.background == background:
-                        saved = self._shoot(journal, shooter, shot)
-                        if shot.kind == "reference":
-                            references.learn(shot, saved.image)
-                        yield saved
-                        if self._interrupts.should_stop():
-                            raise _Stopped
+                here = [shot for shot in missing if shot.background == background]
+                for shot in self._plan.from_filter(here, self._filter):
+                    saved = self._shoot(journal, shooter, shot)
+                    if shot.kind == "reference":
+                        references.learn(shot, saved.image)
+                    yield saved
+                    if self._interrupts.should_stop():
+                        raise _Stopped
         except _Stopped:
             journal.append("stopped", time=clock.wall_time())
             return
@@ -214,8 +215,9 @@ class Sequence:
             nonlocal asked_s
             if clock.now_s() - asked_s >= _KEEP_ALIVE_s:
                 asked_s = clock.now_s()
-                self._rig.camera.read_configuration()
-                self._rig.trigger.read_configuration()
+                for name, device in self._rig.devices.items():
+                    if name != "background":  # which is read all the time
+                        device.read_configuration()
             approach = Approach(
                 reading_K=now_K,
                 setpoint_K=temperature_K,
@@ -245,6 +247,20 @@ class Sequence:
             elapsed_s=elapsed_s,
         )
 
+    def _choose_filter(self, journal: Journal, shot: Shot) -> None:
+        """Moves the filter wheel, if any, to the filter of a shot."""
+        name, wheel = self._plan.filter_name(shot), self._rig.filter_wheel
+        if name is None or wheel is None or name == self._filter:
+            return
+        self._say(f"filter wheel to {name}")
+        clock, self._filter = self._rig.clock, None
+        start_s = clock.now_s()
+        with self._interrupts.abortable():
+            wheel.move(name)
+        elapsed_s = clock.now_s() - start_s
+        journal.append("filter", time=clock.wall_time(), filter=name, elapsed_s=elapsed_s)
+        self._filter = name
+
     def _shoot(self, journal: Journal, shooter: Shooter, shot: Shot) -> SavedShot:
         clock = self._rig.clock
         next_attempt = 1 + max(
@@ -254,6 +270,7 @@ class Sequence:
         start = clock.now_s()
         reason = ""
         for attempt in range(next_attempt, next_attempt + self._plan.retakes + 1):
+            self._choose_filter(journal, shot)
             self._say(self._plan.describe(shot))
             if not clock.sleep(self._plan.pause_s, self._interrupts.should_stop):
                 raise _Stopped
@@ -299,6 +316,8 @@ class Sequence:
         )
         if self._interrupts.should_stop():
             raise _Stopped
+        if result.misplaced:
+            self._filter = None
         if result.drifted:
             self._stabilise(journal, shot.background_K)
 
@@ -341,4 +360,4 @@ def _saved(meta: dict[str, Any]) -> dict[str, Any]:
         "saturated_percent",
         "sha256",
     )
-    return {name: meta[name] for name in names}
+    return {name: meta[name] for name in (*names, *({"filter"} & set(meta)))}

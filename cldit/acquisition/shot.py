@@ -30,11 +30,13 @@ class Taken:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A shot that must be taken again, with the reason. `fired`: the trigger had been sent."""
+    """A shot that must be taken again, with the reason. `fired`: the trigger had been sent.
+    `misplaced`: another filter was in front of the camera."""
 
     reason: str
     fired: bool
     drifted: bool = False
+    misplaced: bool = False
 
 
 class Shooter:
@@ -73,6 +75,8 @@ class Shooter:
         before_K = read_temperature(background)
         if not abs(before_K - shot.background_K) <= self._plan.drift_K:
             return Rejected(f"drift: {before_K:.2f} K before the shot", fired=False, drifted=True)
+        if (wrong := self._wrong_filter(shot)) is not None:
+            return Rejected(f"filter: {wrong} before the shot", fired=False, misplaced=True)
         burst = trigger.configure(self._plan.burst(shot))
         camera.arm()
         clock = self._rig.clock
@@ -86,6 +90,8 @@ class Shooter:
             return Rejected(f"missing frame: {error}", fired=True)
         self._last_id = frames[-1].frame_id
         after_K = read_temperature(background)
+        if (wrong := self._wrong_filter(shot)) is not None:
+            return Rejected(f"filter: {wrong} after the shot", fired=True, misplaced=True)
         problem = frame_problem(frames, self._ready, expected_id=expected_id)
         if problem is not None:
             return Rejected(problem, fired=True)
@@ -104,6 +110,7 @@ class Shooter:
                 "kind": shot.kind,
                 "attempt": attempt,
                 "camera_delay_s": burst.camera_delay_s,
+                **({} if (name := self._plan.filter_name(shot)) is None else {"filter": name}),
                 "background": shot.background,
                 "background_setpoint_K": shot.background_K,
                 "background_before_K": before_K,
@@ -121,6 +128,14 @@ class Shooter:
                 "sha256": checksum(image),
             },
         )
+
+    def _wrong_filter(self, shot: Shot) -> str | None:
+        """Reads the filter wheel, and describes the filter if it is not the one of the shot."""
+        planned, wheel = self._plan.filter_name(shot), self._rig.filter_wheel
+        if planned is None or wheel is None:  # the preflight allows neither without the other
+            return None
+        present = wheel.read_filter()
+        return None if present == planned else f"{present or 'none'} in place of {planned}"
 
     def _fired(self) -> tuple[list[Frame], bool]:
         """Fires once and reads the frames; True if the generator does not know whether it fired."""

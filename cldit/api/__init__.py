@@ -1,1 +1,1 @@
-"""The Python API and the interfaces to napari, bluesky and notebooks."""
+"""The Python API, and what notebooks show of its results."""

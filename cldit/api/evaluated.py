@@ -52,7 +52,7 @@ def evaluate(
     """
     xarray_module()
     place = acquisition_in(folder)
-    found = evaluate_folder(
+    evaluation = evaluate_folder(
         place,
         curve=calibration,
         frame=frame,
@@ -60,30 +60,33 @@ def evaluate(
         progress=progress,
         say=say,
     )
-    more: dict[str, tuple[Any, str, str]] = {}
-    if found.budget is not None:
-        for name, (image, unit) in found.budget.images.items():
-            more[name] = (image.astype(np.float32), unit, words(name))
+    extra_variables: dict[str, tuple[Any, str, str]] = {}
+    if evaluation.budget is not None:
+        for name, (image, unit) in evaluation.budget.images.items():
+            extra_variables[name] = (image.astype(np.float32), unit, words(name))
     if model is not None:
-        medium = evaluate_scattering(place, model, found)
-        more |= {
+        medium = evaluate_scattering(place, model, evaluation)
+        extra_variables |= {
             "medium_temperature_K": (medium.temperature_K, "K", "temperature of the medium"),
             "medium_temperature_standard_error_K": (medium.standard_error_K, "K", "its error"),
             "scattered_share": (medium.share, "1", "scattered share of the radiance"),
         }
     opened = open_recorded(place, frame=frame)
     return labelled_maps(
-        found.maps,
+        evaluation.maps,
         title=opened.name if isinstance(opened, Measured) else place.resolve().name,
         pixel_m=opened.pixel_m,
         centre_m=opened.centre_m,
-        more=more,
-        attrs={"evaluation": _without_inputs(found).to_json(), "remarks": "\n".join(found.lines)},
+        extra_variables=extra_variables,
+        attrs={
+            "evaluation": _without_inputs(evaluation).to_json(),
+            "remarks": "\n".join(evaluation.lines),
+        },
     )
 
 
-def _without_inputs(found: Evaluation) -> Evaluation:
+def _without_inputs(evaluation: Evaluation) -> Evaluation:
     """Evaluation without its inputs, whose list may exceed 64 kB, the limit of HDF5 attributes."""
-    if found.origin is None:
-        return found
-    return replace(found, origin=replace(found.origin, inputs=()))
+    if evaluation.origin is None:
+        return evaluation
+    return replace(evaluation, origin=replace(evaluation.origin, inputs=()))

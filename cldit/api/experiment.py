@@ -21,7 +21,14 @@ from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, StageLine, simulate, with_stages
 from cldit.scene import Scene
-from cldit.scene.delays import alone, delay_folder, delay_text, same_time, scene_at, spray_time_s
+from cldit.scene.delays import (
+    delay_folder,
+    delay_text,
+    same_time,
+    scene_at,
+    spray_time_s,
+    without_delays,
+)
 from cldit.scene.load import chosen_scene
 from cldit.scene.spray import CfdSpray
 from cldit.show.report.run_report import write_run_report
@@ -34,7 +41,7 @@ def of_reading(watch: Watch | None) -> ReadingWatch:
     """Callback for the reading of a CFD case, which passes its progress to `watch`."""
     if watch is None:
         return silent
-    return lambda what, done, total: watch(Progress(what, done, total, None))
+    return lambda work, done, total: watch(Progress(work, done, total, None))
 
 
 def run_experiment(
@@ -76,7 +83,7 @@ def run_experiment(
     shown_s = spray_time_s(scene)
     times_s = [*at_delays, *([shown_s] if isinstance(shown_s, float) else [])]
     with exclusive(folder, "run"), times_together(times_s):
-        return _run(scene, folder, at_delays, device, progress or (lambda text: None), watch)
+        return _run(scene, folder, at_delays, device, progress or (lambda line: None), watch)
 
 
 def _run(
@@ -99,7 +106,7 @@ def _run(
             continue
         say(StageLine(f"the spray at {delay_text(delay_s)}"))
         traced.append(folder / delay_folder(delay_s))
-        simulate(alone(later), traced[-1], device=device, progress=say, watch=reading)
+        simulate(without_delays(later), traced[-1], device=device, progress=say, watch=reading)
     start = time.perf_counter()
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"
@@ -112,10 +119,10 @@ def _run(
     _complete(record)
     acquired = time.perf_counter()
     say(StageLine("evaluation of the shots"))
-    found = evaluate_delays(folder / "acquisition")
-    if delay_problems(found):
-        raise EvaluationError(delay_problems(found))
-    measured = _of_run(found, shown_s)
+    evaluations = evaluate_delays(folder / "acquisition")
+    if delay_problems(evaluations):
+        raise EvaluationError(delay_problems(evaluations))
+    measured = _of_run(evaluations, shown_s)
     evaluated = time.perf_counter()
     stages = [
         Stage("acquisition", acquired - start, f"{record.saved} shots"),
@@ -135,19 +142,19 @@ def _refuse_missing(scene: Scene) -> None:
     from cldit.cfd.formats import contents  # loads VTK
     from cldit.cfd.times import choose_time
 
-    known_s = contents(spray).times_s
-    for delay_s in scene.plan.delays_s if known_s else ():
+    case_times_s = contents(spray).times_s
+    for delay_s in scene.plan.delays_s if case_times_s else ():
         try:
-            choose_time(str(spray.file), known_s, delay_s)
+            choose_time(str(spray.file), case_times_s, delay_s)
         except SprayError as error:
             raise SprayError(f"plan.delays_s: {delay_text(delay_s)}: {error}") from error
 
 
-def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
+def _of_run(evaluations: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
     """Maps of the time that the run itself shows, if it was recorded."""
-    for one in found:
-        if len(found) == 1 or same_time(shown_s, one.delay_s):
-            return None if one.evaluation is None else one.evaluation.maps
+    for delay in evaluations:
+        if len(evaluations) == 1 or same_time(shown_s, delay.delay_s):
+            return None if delay.evaluation is None else delay.evaluation.maps
     return None
 
 

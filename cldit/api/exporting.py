@@ -58,7 +58,7 @@ def export(
                 cache=default_cache(),
                 node=node,
                 own_frame=own_frame,
-                say=progress or (lambda text: None),
+                say=progress or (lambda line: None),
             )
         )
     if to not in FORMATS:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.acquisition.measured import Measured, is_measured, open_measured, open_recorded
-from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
+from cldit.acquisition.plan import Group
+from cldit.acquisition.record import Acquisition, maps_of_group, open_acquisition
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow, table_csv
@@ -21,20 +22,23 @@ from cldit.io.files import write_text
 from cldit.io.images import write_maps
 from cldit.io.origin import Origin, files_read
 from cldit.run import Run, Say
-from cldit.scene.delays import delay_text
 
 
 @dataclass(frozen=True)
 class DelayEvaluation:
     """Evaluation of one delay, with the folder of its maps.
 
-    delay_s: None for measured data, where it is unknown. evaluation: None if there is a `problem`.
+    delay_s: None for measured data, where it is unknown. filter_name: of the filter wheel; None
+    without one. label: filter and delay, as far as there are several. evaluation: None if there is
+    a `problem`.
     """
 
     delay_s: float | None
     folder: Path
     evaluation: Evaluation | None
     problem: str = ""
+    filter_name: str | None = None
+    label: str = ""
 
 
 def evaluate_delays(
@@ -46,15 +50,13 @@ def evaluate_delays(
     progress: Callable[[int, int], None] | None = None,
     say: Say | None = None,
 ) -> tuple[DelayEvaluation, ...]:
-    """Evaluates every delay of a folder as `evaluate_folder`, in the plan's order.
+    """Evaluates every filter and every delay of a folder as `evaluate_folder`, in the plan's order.
 
     One delay has its maps in `maps`, several in `maps/delay_0.95ms` and so on, with the table
-    `maps/delays.csv`. A delay that cannot be evaluated does not stop the others; EvaluationError
-    if all fail.
+    `maps/delays.csv`. Several filters have all that in a folder each, `maps/FILTER`. A delay that
+    cannot be evaluated does not stop the others; EvaluationError if all fail.
     """
-    delays: tuple[float, ...] = ()
-    if not is_measured(folder):
-        delays = open_acquisition(folder, frame=frame).plan.delays
+    plan = None if is_measured(folder) else open_acquisition(folder, frame=frame).plan
     evaluate = partial(
         evaluate_folder,
         curve=curve,
@@ -63,42 +65,54 @@ def evaluate_delays(
         progress=progress,
         say=say,
     )
-    if len(delays) < 2:
-        found = evaluate(folder)
-        here = Path(folder)
-        place = (here.parent if here.is_file() else here) / "maps"
-        return (DelayEvaluation(delays[0] if delays else None, place, found),)
+    if plan is None:
+        path = Path(folder)
+        place = (path.parent if path.is_file() else path) / "maps"
+        return (DelayEvaluation(None, place, evaluate(folder)),)
     done: list[DelayEvaluation] = []
-    for number, delay_s in enumerate(delays):
-        place = maps_folder(Path(folder), delays, number)
+    for group in plan.groups:
+        name, problem, evaluation = plan.filter_name(group), "", None
         try:
-            evaluation = evaluate(folder, delay=number)
+            evaluation = evaluate(folder, delay=group.delay, filter_name=name)
         except EvaluationError as error:
-            done.append(DelayEvaluation(delay_s, place, None, str(error)))
-        else:
-            done.append(DelayEvaluation(delay_s, place, evaluation))
-    rows = delay_rows(done)
-    if not rows:
+            if len(plan.groups) == 1:
+                raise
+            problem = str(error)
+        done.append(
+            DelayEvaluation(
+                delay_s=plan.delays[group.delay],
+                folder=maps_of_group(Path(folder), plan, group),
+                evaluation=evaluation,
+                problem=problem,
+                filter_name=name,
+                label=", ".join(plan.words(group)),
+            )
+        )
+    if not delay_rows(done):
         raise EvaluationError(delay_problems(done))
-    write_text(Path(folder) / "maps" / "delays.csv", table_csv(rows))
+    if len(plan.delays) > 1:
+        for name in plan.filters or (None,):
+            of_filter = [item for item in done if item.filter_name == name]
+            table = of_filter[0].folder.parent / "delays.csv"
+            write_text(table, table_csv(delay_rows(of_filter)))
     return tuple(done)
 
 
-def delay_rows(found: Collection[DelayEvaluation]) -> list[DelayRow]:
+def delay_rows(evaluations: Collection[DelayEvaluation]) -> list[DelayRow]:
     """Rows of the table of the delays that could be evaluated."""
     return [
-        DelayRow.of(one.delay_s, one.evaluation.maps)
-        for one in found
-        if one.evaluation is not None and one.delay_s is not None
+        DelayRow.of(delay.delay_s, delay.evaluation.maps)
+        for delay in evaluations
+        if delay.evaluation is not None and delay.delay_s is not None
     ]
 
 
-def delay_problems(found: Collection[DelayEvaluation]) -> str:
+def delay_problems(evaluations: Collection[DelayEvaluation]) -> str:
     """Reasons why delays could not be evaluated; empty if all were."""
     return "\n".join(
-        f"at {delay_text(one.delay_s)}: {one.problem}"
-        for one in found
-        if one.problem and one.delay_s is not None
+        f"at {group.label}: {group.problem}"
+        for group in evaluations
+        if group.problem and group.delay_s is not None
     )
 
 
@@ -108,13 +122,15 @@ def evaluate_folder(
     curve: CurveSource = "planck",
     frame: int = 0,
     delay: int | None = None,
+    filter_name: str | None = None,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
     say: Say | None = None,
 ) -> Evaluation:
-    """Evaluates one delay of an acquisition folder, or measured data, and stores the maps.
+    """Evaluates one filter and delay of an acquisition folder, or measured data, and stores the
+    maps.
 
-    They go into `maps` beside the images; those of several delays into a folder each.
+    They go into `maps` beside the images; those of several filters or delays into a folder each.
 
     Args:
         folder: acquisition, folder with measured.yaml, or such a file itself.
@@ -122,6 +138,7 @@ def evaluate_folder(
             measured.yaml accepts are accepted too.
         frame: which image of each shot, if the plan has several.
         delay: which of the plan's delays, from 0; required if it has several.
+        filter_name: which of the plan's filters; required if it has several.
         say: called with lines about measured files, before the fit.
 
     Raises:
@@ -136,17 +153,19 @@ def evaluate_folder(
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one image, 0")
         if delay:
             raise EvaluationError(f"{folder}: delay {delay}: measured data have one delay, 0")
+        if filter_name is not None:
+            raise EvaluationError(f"{folder}: filter {filter_name}: measured data have no wheel")
         acquisition = open_measured(folder)
         place = acquisition.folder / "maps"
         if say is not None:
-            for found in acquisition.found():
-                say(found)
+            for finding in acquisition.found():
+                say(finding)
         accept = (*acquisition.accept, *accept)
     else:
         acquisition = open_acquisition(folder, frame=frame)
-        number = _delay_number(acquisition, delay)
-        place = maps_folder(acquisition.folder, acquisition.plan.delays, number)
-        acquisition = acquisition.at_delay(number)
+        group = _group(acquisition, delay, filter_name)
+        place = maps_of_group(acquisition.folder, acquisition.plan, group)
+        acquisition = acquisition.of_group(group)
         missing = acquisition.missing
     evaluate = partial(evaluate_shots, curve=curve, accept=accept, progress=progress)
     try:
@@ -164,9 +183,9 @@ def evaluate_folder(
             acquisition.close()
     remarks = list(acquisition.damage) if isinstance(acquisition, Acquisition) else []
     if missing:
-        more = ", .." if len(missing) > 5 else ""
+        ellipsis = ", .." if len(missing) > 5 else ""
         remarks.insert(
-            0, f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}{more})"
+            0, f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}{ellipsis})"
         )
     evaluation = replace(
         evaluation,
@@ -181,8 +200,16 @@ def evaluate_folder(
     return evaluation
 
 
-def _delay_number(acquisition: Acquisition, delay: int | None) -> int:
-    delays = acquisition.plan.delays
+def _group(acquisition: Acquisition, delay: int | None, filter_name: str | None) -> Group:
+    delays, filters = acquisition.plan.delays, acquisition.plan.filters
+    if filter_name is None and len(filters) > 1:
+        raise EvaluationError(
+            f"{acquisition.folder}: contains {len(filters)} filters ({', '.join(filters)}); give "
+            "`filter_name`, or evaluate all with evaluate_delays"
+        )
+    if filter_name not in (None, *filters):
+        allowed = f"allowed: {', '.join(filters) or 'none'}"
+        raise EvaluationError(f"{acquisition.folder}: filter_name {filter_name}; {allowed}")
     if delay is None and len(delays) > 1:
         raise EvaluationError(
             f"{acquisition.folder}: contains {len(delays)} delays; give `delay`, or evaluate all "
@@ -191,7 +218,7 @@ def _delay_number(acquisition: Acquisition, delay: int | None) -> int:
     if not 0 <= (delay or 0) < len(delays):
         allowed = f"0..{len(delays) - 1}"
         raise EvaluationError(f"{acquisition.folder}: delay {delay}; allowed: {allowed}")
-    return delay or 0
+    return Group(filters.index(filter_name) if filter_name else 0, delay or 0)
 
 
 def evaluate_scattering(
@@ -212,10 +239,10 @@ def evaluate_scattering(
     curve = Curve(filter_um=evaluation.calibration.filter_um)
     if evaluation.fitted is not None:
         curve = evaluation.fitted.curve
-    around = opened.surroundings
-    if not around.patches:  # neither a rig nor measured data describe them
-        around = replace(around, patches=model.scene.patches)
-    scattered = scattered_by(spray, reference, enclosure(around, curve))
+    surroundings = opened.surroundings
+    if not surroundings.patches:  # neither a rig nor measured data describe them
+        surroundings = replace(surroundings, patches=model.scene.patches)
+    scattered = scattered_by(spray, reference, enclosure(surroundings, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)
     images = {
         "medium_temperature_K": (medium.temperature_K, "K"),

@@ -37,6 +37,8 @@ from cldit.show.figures.curves import design_figure
 from cldit.show.figures.style import write_figure
 from cldit.study.separate import separate as separations_of
 
+# Temperatures of opaque sprays whose errors are reported: from that of a room to some 50 K above
+# the boiling point of n-heptane, 372 K.
 _OPAQUE_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
 
@@ -63,7 +65,9 @@ class PlannedMeasurement:
         return {
             "folder": self.folder,
             "goal": asdict(self.goal),
-            "designs": [{**asdict(each), "chosen": each is self.chosen} for each in self.designs],
+            "designs": [
+                {**asdict(design), "chosen": design is self.chosen} for design in self.designs
+            ],
             "coldest_opaque_K": self.coldest_opaque_K,
         }
 
@@ -90,8 +94,8 @@ class PlannedSeparation:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         plans = [
-            {**asdict(each), "chosen": each is self.chosen, "verdict": each.text}
-            for each in self.separations
+            {**asdict(separation), "chosen": separation is self.chosen, "verdict": separation.text}
+            for separation in self.separations
         ]
         return {"folder": self.folder, "unknowns": self.unknowns, "plans": plans}
 
@@ -213,16 +217,16 @@ def separate(
         ClditError: as `cldit.simulate`.
     """
     models: Sequence[Scene] = (chosen_scene(one), chosen_scene(other))
-    first, second = models
-    folder = Path("runs") / f"{first.name}-or-{second.name}" if out is None else Path(out)
-    delays_s = SeriesPlan.of(first, delays).scenes if delays else first.plan.delays_s
+    baseline, rival = models
+    folder = Path("runs") / f"{baseline.name}-or-{rival.name}" if out is None else Path(out)
+    delays_s = SeriesPlan.of(baseline, delays).scenes if delays else baseline.plan.delays_s
     filters = {scene.name: scene for scene in (chosen_scene(band) for band in bands)}
-    free = unknowns_of(first, DEFAULT if unknowns is None else unknowns)
+    free = unknowns_of(baseline, DEFAULT if unknowns is None else unknowns)
     separations = separations_of(
-        first,
-        second,
+        baseline,
+        rival,
         folder,
-        _blackbody(first, limits_K),
+        _blackbody(baseline, limits_K),
         delays_s=tuple(delays_s),
         bands=filters,
         unknowns=free,
@@ -240,10 +244,10 @@ def separate(
     best = planned.chosen
     if best.shots is None:
         return planned
-    chosen_one = first if best.delay_s is None else scene_at(first, best.delay_s)
+    measured = baseline if best.delay_s is None else scene_at(baseline, best.delay_s)
     if best.band:
-        chosen_one = in_band(chosen_one, filters[best.band])
-    measurement = plan_from_scene(chosen_one)
+        measured = in_band(measured, filters[best.band])
+    measurement = plan_from_scene(measured)
     sizes = {"backgrounds_K": best.backgrounds_K, "shots": best.shots, "references": best.shots}
     measurement = measurement.model_copy(update={**sizes, "delays_s": ()})
     write_text(folder / "plan.yaml", measurement.dump())

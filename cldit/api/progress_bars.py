@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 class Watcher(Protocol):
     """Display of progress: `say` takes lines, `watch` the progress of a rig."""
 
-    def say(self, text: str) -> None:
+    def say(self, line: str) -> None:
         """Shows a line of text."""
         ...
 
@@ -37,8 +37,8 @@ def progress_bar() -> AbstractContextManager[Watcher]:
 
 def in_notebook() -> bool:
     """True in a Jupyter kernel."""
-    found = sys.modules.get("IPython")
-    shell = None if found is None else found.get_ipython()
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
     return shell is not None and hasattr(shell, "kernel")
 
 
@@ -59,9 +59,9 @@ class NotebookBar:
     def __exit__(self, *_: object) -> None:
         self._show("")
 
-    def say(self, text: str) -> None:
+    def say(self, line: str) -> None:
         """Shows a line of text."""
-        self._show(f"<small>{escape(text)}</small>")
+        self._show(f"<small>{escape(line)}</small>")
 
     def watch(self, progress: "Progress") -> None:
         """Shows a bar of the progress of a rig."""

@@ -16,7 +16,7 @@ from cldit.gpu.device import Device
 from cldit.io.files import read_text
 from cldit.io.origin import FileRead
 from cldit.run import Run, Say, open_run, simulate
-from cldit.run.folder import SCENE_FILE
+from cldit.run.stored_files import SCENE_FILE
 from cldit.scene import dump_scene
 
 
@@ -46,7 +46,7 @@ class Repeated:
             "trace": self.trace.to_dict(),
             "recorded": None if self.recorded is None else self.recorded.to_dict(),
             "inputs": list(self.inputs),
-            "changed": {name: list(both) for name, both in self.changed.items()},
+            "changed": {name: list(pair) for name, pair in self.changed.items()},
         }
 
 
@@ -55,26 +55,28 @@ def inputs_that_changed(run: Run) -> tuple[str, ...]:
 
     The scene in the run's own folder counts as an input.
     """
-    found = []
+    lines = []
     origin = run.info.origin
     if origin is not None and origin.scene_sha256:
         texts = [dump_scene(run.scene)]
         if run.folder is not None:  # another version has other keys, and wrote other text
             texts.append(read_text(run.folder / SCENE_FILE))
-        if origin.scene_sha256 not in (hashlib.sha256(text.encode()).hexdigest() for text in texts):
-            found.append(f"{run.folder or run.scene.name}/scene.yaml: has changed since the run")
+        if origin.scene_sha256 not in (
+            hashlib.sha256(document.encode()).hexdigest() for document in texts
+        ):
+            lines.append(f"{run.folder or run.scene.name}/scene.yaml: has changed since the run")
     for was in run.info.files if origin is None else origin.inputs:
         try:
-            now = FileRead.of(Path(was.path))
+            current = FileRead.of(Path(was.path))
         except OSError as error:
-            found.append(f"{was.path}: cannot be read ({error.strerror or error})")
+            lines.append(f"{was.path}: cannot be read ({error.strerror or error})")
             continue
-        if now.sha256 != was.sha256:
-            found.append(
-                f"{was.path}: has changed ({was.bytes} bytes of {was.modified} then, {now.bytes} "
-                f"bytes of {now.modified} now)"
+        if current.sha256 != was.sha256:
+            lines.append(
+                f"{was.path}: has changed ({was.bytes} bytes of {was.modified} then, "
+                f"{current.bytes} bytes of {current.modified} now)"
             )
-    return tuple(found)
+    return tuple(lines)
 
 
 def repeat(
@@ -119,22 +121,24 @@ def repeat(
     recorded = run.measured is not None
     with _place(out) as place:
         if recorded:
-            again = run_experiment(run.scene, place, device=device, progress=progress)
+            repeated = run_experiment(run.scene, place, device=device, progress=progress)
         else:
-            again = simulate(run.scene, place, device=device, progress=progress)
+            repeated = simulate(run.scene, place, device=device, progress=progress)
         return Repeated(
-            trace=_compared(run, again, acquired=False, within_K=within_K),
-            recorded=_compared(run, again, acquired=True, within_K=within_K) if recorded else None,
+            trace=_compared(run, repeated, acquired=False, within_K=within_K),
+            recorded=_compared(run, repeated, acquired=True, within_K=within_K)
+            if recorded
+            else None,
             inputs=inputs,
-            changed=_changed(run, again),
+            changed=_changed(run, repeated),
         )
 
 
-def _compared(run: Run, again: Run, *, acquired: bool, within_K: float | None) -> Difference:
-    first, second = (open_shown(each, acquired=acquired) for each in (run, again))
+def _compared(run: Run, repeated: Run, *, acquired: bool, within_K: float | None) -> Difference:
+    original, repetition = (open_shown(result, acquired=acquired) for result in (run, repeated))
     return difference(
-        replace(first, name=str(run.folder)),
-        replace(second, name="the repetition"),
+        replace(original, name=str(run.folder)),
+        replace(repetition, name="the repetition"),
         within_K=within_K,
     )
 
@@ -151,18 +155,18 @@ def _place(out: str | Path | None) -> Iterator[Path]:
     yield place
 
 
-def _changed(run: Run, again: Run) -> dict[str, tuple[str, str]]:
+def _changed(run: Run, repeated: Run) -> dict[str, tuple[str, str]]:
     """Versions, commit and device that are not the same."""
-    then, now = (
+    recorded, current = (
         {
-            **each.info.versions,
-            "device": each.info.device,
-            "commit": (each.info.origin and each.info.origin.commit) or "",
+            **result.info.versions,
+            "device": result.info.device,
+            "commit": (result.info.origin and result.info.origin.commit) or "",
         }
-        for each in (run, again)
+        for result in (run, repeated)
     )
     return {
-        name: (then.get(name, ""), now.get(name, ""))
-        for name in dict.fromkeys((*then, *now))
-        if then.get(name) != now.get(name)
+        name: (recorded.get(name, ""), current.get(name, ""))
+        for name in dict.fromkeys((*recorded, *current))
+        if recorded.get(name) != current.get(name)
     }

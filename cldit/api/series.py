@@ -36,7 +36,7 @@ class Series:
     @property
     def failed(self) -> tuple[SeriesTime, ...]:
         """Times that could not be run."""
-        return tuple(each for each in self.times if each.state == "failed")
+        return tuple(series_time for series_time in self.times if series_time.state == "failed")
 
 
 def run_series(
@@ -79,7 +79,7 @@ def run_series(
     """
     scene = chosen_scene(scene, quick=quick, pixels=pixels)
     folder = Path(out)
-    say = progress or (lambda text: None)
+    say = progress or (lambda line: None)
     _check_folder(folder, scene)
 
     reading = of_reading(watch)
@@ -90,21 +90,30 @@ def run_series(
         write_text(folder / SERIES_FILE, dump_scene(scene))
         opened = device or open_device()
 
-        def run(one: Scene, place: Path) -> Run:
+        def run(time_scene: Scene, place: Path) -> Run:
             if trace_only:
-                return simulate(one, place, device=opened, progress=progress, watch=reading)
-            kept = _finished(one, place)
-            if kept is not None:
+                return simulate(time_scene, place, device=opened, progress=progress, watch=reading)
+            finished = _finished(time_scene, place)
+            if finished is not None:
                 say(f"{place}: finished before, kept")
-                return kept
-            return run_experiment(one, place, device=opened, progress=progress, watch=watch)
+                return finished
+            return run_experiment(time_scene, place, device=opened, progress=progress, watch=watch)
 
         if ahead is not None:
             with times_together(tuple(plan.scenes)):
-                ahead({folder / plan.folder(time): one for time, one in plan.scenes.items()})
+                ahead(
+                    {
+                        folder / plan.folder(time): time_scene
+                        for time, time_scene in plan.scenes.items()
+                    }
+                )
         done = run_times(plan, folder, run, say)
-        if not any(each.state == "done" for each in done):
-            raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))
+        if not any(series_time.state == "done" for series_time in done):
+            raise SprayError(
+                "\n".join(
+                    f"{plan.text(series_time.time)}: {series_time.problem}" for series_time in done
+                )
+            )
         say(StageLine("figures and film"))
         return Series(
             plan, folder, done, tuple(write_series(plan, scene, done, folder, suffix=suffix))

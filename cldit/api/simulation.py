@@ -67,8 +67,8 @@ def simulate(
             watch=of_reading(watch),
             like=like,
         )
-    given = {"cache": cache, "spray": spray, "like": like}
-    if out is None or any(value is not None for value in given.values()):
+    excluded = {"cache": cache, "spray": spray, "like": like}
+    if out is None or any(value is not None for value in excluded.values()):
         raise EvaluationError("record=True: allowed: with `out`, and without cache, spray and like")
     return run_experiment(
         scene, out, quick=quick, pixels=pixels, device=device, progress=progress, watch=watch

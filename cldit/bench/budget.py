@@ -58,17 +58,17 @@ class BudgetRow:
 
 def true_error_K(run: Run, reference: Reference) -> float:
     """RMS of T_app against the reference of as many pixels, where both have one."""
-    here = run.maps.has_temperature & np.isfinite(reference.temperature_K)
-    if not here.any():
+    valid = run.maps.has_temperature & np.isfinite(reference.temperature_K)
+    if not valid.any():
         raise BenchError(f"{run.scene.name}: no pixel has a T_app in the reference as well")
-    apart = run.maps.apparent_temperature_K.astype(float) - reference.temperature_K
-    return float(np.sqrt(np.mean(apart[here] ** 2)))
+    difference_K = run.maps.apparent_temperature_K.astype(float) - reference.temperature_K
+    return float(np.sqrt(np.mean(difference_K[valid] ** 2)))
 
 
 def beside_reference(errors: Errors, scene: Scene) -> Errors:
     """Errors that a run does not share with its reference, which has the same grid of gas."""
-    given = scene.spray.model in ("lagrangian", "cfd")
-    shared = {GAS_GRID.name, *GAS_GRID.also} if given else set()
+    has_gas_grid = scene.spray.model in ("lagrangian", "cfd")
+    shared = {GAS_GRID.name, *GAS_GRID.also} if has_gas_grid else set()
     return Errors.of(cause for cause in errors.causes if cause.name not in shared)
 
 
@@ -78,7 +78,9 @@ def held_by(run: Run, asked_K: float) -> str:
     largest = None if errors is None else errors.largest()
     if errors is None or largest is None or not errors.exceed(asked_K):
         return ""
-    if not any(one.startswith("stated error") and largest.name in one for one in run.info.remarks):
+    if not any(
+        remark.startswith("stated error") and largest.name in remark for remark in run.info.remarks
+    ):
         raise BenchError(f"{run.scene.name}: {errors.text} for {asked_K:g} K without a remark")
     return f"{largest.name} ({largest.fixed})" if largest.fixed else largest.name
 
@@ -91,8 +93,8 @@ def measure(
     The run chooses the resolution for the tolerance `asked_K`; `cache` holds tables, and computed
     sprays after the first run.
     """
-    wanted = changed(scene, transport={"accuracy_K": asked_K})
-    run, cost = clocked(device, lambda: simulate(wanted, device=device, cache=cache))
+    requested = changed(scene, transport={"accuracy_K": asked_K})
+    run, cost = clocked(device, lambda: simulate(requested, device=device, cache=cache))
     assert run.errors is not None  # these scenes are audited
     errors = beside_reference(run.errors, scene)
     return BudgetRow(
@@ -120,20 +122,20 @@ def budget(
     scenes: Sequence[str] = BUDGET_SCENES,
     asked_K: Sequence[float] = ASKED_K,
     seeds: int = 1,
-    before: Sequence[BudgetRow] = (),
+    earlier_rows: Sequence[BudgetRow] = (),
 ) -> Part:
     """Measures every scene that has a reference with every tolerance, `seeds` times.
 
-    `pixels` along an edge are as many as the references have. `before` are rows of other scenes,
-    measured earlier. `save` takes the unfinished part after each tolerance, `say` a line for each
-    run.
+    `pixels` along an edge are as many as the references have. `earlier_rows` are those of other
+    scenes, measured earlier. `save` takes the unfinished part after each tolerance, `say` a line
+    for each run.
     """
-    rows = [row for row in before if row.scene not in scenes]
+    rows = [row for row in earlier_rows if row.scene not in scenes]
     missing: list[str] = []
     errors_K = {
-        name: found.error_K
+        name: stored.error_K
         for name in dict.fromkeys(row.scene for row in rows)
-        if (found := Reference.load(name, pixels=pixels)) is not None
+        if (stored := Reference.load(name, pixels=pixels)) is not None
     }
     with tempfile.TemporaryDirectory() as folder:
         for name in scenes:
@@ -142,16 +144,16 @@ def budget(
                 missing.append(name)
                 continue
             errors_K[name] = reference.error_K
-            made = [
+            seeded_scenes = [
                 budget_scene(name, pixels=pixels, folder=Path(folder), seed=seed)
                 for seed in range(1, seeds + 1)
             ]
-            quick = changed(made[0], transport={"accuracy_K": 20.0})
+            quick = changed(seeded_scenes[0], transport={"accuracy_K": 20.0})
             simulate(quick, device=device, cache=cache)  # builds kernels, and the tables
             for kelvin in asked_K:
-                for scene in made:
+                for scene in seeded_scenes:
                     row = measure(scene, reference, device, asked_K=kelvin, cache=cache)
-                    say(f"{name}, {kelvin:g} K asked, seed {row.seed}: {_said(row)}")
+                    say(f"{name}, {kelvin:g} K asked, seed {row.seed}: {_summary(row)}")
                     rows.append(row)
                 save(budget_part(rows, pixels=pixels, references_K=errors_K, missing=missing))
     if not rows:
@@ -178,19 +180,19 @@ def budget_part(
 ) -> Part:
     """Tables and figure of the measured runs, with the error of each reference; `missing` are
     scenes without one."""
-    first = [row for row in rows if row.seed == rows[0].seed]
-    names = list(dict.fromkeys(name for row in first for name in row.causes_K))
+    one_seed = [row for row in rows if row.seed == rows[0].seed]
+    names = list(dict.fromkeys(name for row in one_seed for name in row.causes_K))
     by_source = [
         (
             row.scene,
             f"{row.asked_K:g}",
             *(_range([row.causes_K[name]]) if name in row.causes_K else "-" for name in names),
         )
-        for row in first
+        for row in one_seed
     ]
     counts = sorted({len(alike) for *_, alike in _alike(rows)})
     seeds = " to ".join(dict.fromkeys(str(count) for count in (counts[0], counts[-1])))
-    text = [
+    paragraphs = [
         f"{pixels} x {pixels} pixels"
         + (f", {seeds} seeds: lowest and highest" if counts[-1] > 1 else "")
         + ". Time is that of the whole run, from the spray to the estimated errors; property "
@@ -200,15 +202,15 @@ def budget_part(
         + f". All runs take {number(sum(row.core_s for row in rows) / 60)} core-min."
     ]
     if {"gdi-flow", "imported"} & set(references_K):
-        text.append(
+        paragraphs.append(
             "References of gdi-flow and of the imported case have the gas grid of the run: its "
             "error is in neither."
         )
     commits = sorted({row.commit for row in rows} - {""})
     if len(commits) > 1:
-        text.append(f"Measured in parts, at commits {', '.join(commits)}.")
+        paragraphs.append(f"Measured in parts, at commits {', '.join(commits)}.")
     if missing:
-        text.append(f"Without a reference of so many pixels: {', '.join(missing)}.")
+        paragraphs.append(f"Without a reference of so many pixels: {', '.join(missing)}.")
     return Part(
         name="budget",
         title="Error of T_app against time of the run",
@@ -217,8 +219,8 @@ def budget_part(
             Table.of(("scene", "asked, K", *(f"{name}, K" for name in names)), by_source),
         ),
         data={"pixels": pixels, "rows": [asdict(row) for row in rows]},
-        text=tuple(text),
-        figure=budget_figure(first),
+        text=tuple(paragraphs),
+        figure=budget_figure(one_seed),
         alternative="True and stated error of T_app against core seconds of the whole run",
     )
 
@@ -244,17 +246,17 @@ def _line(name: str, asked_K: float, rows: Sequence[BudgetRow]) -> tuple[str, ..
     )
 
 
-def _said(row: BudgetRow) -> str:
+def _summary(row: BudgetRow) -> str:
     stated = "unknown" if row.stated_K is None else f"{number(row.stated_K, 2)} K"
     return f"{stated} stated, {number(row.true_K, 2)} K true, {number(row.core_s)} core-s"
 
 
 def _range(values: Sequence[float | None]) -> str:
     """Lowest and highest value; `unknown` if one is unknown."""
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
+    numbers = [value for value in values if value is not None]
+    if len(numbers) < len(values):
         return "unknown"
-    low, high = number(min(known), 2), number(max(known), 2)
+    low, high = number(min(numbers), 2), number(max(numbers), 2)
     return low if low == high else f"{low} to {high}"
 
 
@@ -265,8 +267,8 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
     axes: Any = figure.subplots()
     axes.set(xscale="log", yscale="log", xlabel="core seconds of the whole run",
              ylabel="RMS error of apparent temperature / K")  # fmt: skip
-    asked = sorted({row.asked_K for row in rows}, reverse=True)
-    marker = {kelvin: "osD^v"[at % 5] for at, kelvin in enumerate(asked)}
+    tolerances_K = sorted({row.asked_K for row in rows}, reverse=True)
+    marker = {kelvin: "osD^v"[at % 5] for at, kelvin in enumerate(tolerances_K)}
     for row in rows:
         colour = _COLOURS.get(row.scene, "black")
         if row.stated_K is not None:
@@ -275,7 +277,7 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
         axes.plot(row.core_s, row.true_K, marker[row.asked_K], color=colour, ms=4.5)
     for name in dict.fromkeys(row.scene for row in rows):
         axes.plot([], [], lw=3, color=_COLOURS.get(name, "black"), label=name)
-    for kelvin in asked:
+    for kelvin in tolerances_K:
         axes.plot([], [], marker[kelvin], color="0.4", ms=4.5, label=f"true, {kelvin:g} K asked")
     axes.plot([], [], "x", color="0.4", label="stated")
     plain_ticks(axes)

@@ -40,7 +40,7 @@ def budget_scene(name: str, *, pixels: int, folder: Path, seed: int = 1, draws: 
     return parse_scene(scene)
 
 
-_PARCELS, _LIQUID_kg, _VOXEL_m = 20_000, 1.0e-6, 1e-3
+_PARCELS, _LIQUID_kg, _VOXEL_m = 20_000, 1.0e-6, 1e-3  # of the imported case
 
 
 def _imported(folder: Path, seed: int, draws: int) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def _imported(folder: Path, seed: int, draws: int) -> dict[str, Any]:
     parcels = np.column_stack([across_m, -depth_m, diameter_m, number, warm_K])
     _table(folder / "parcels.csv", ("x", "y", "z", "d", "n", "T"), parcels)
     edges = [np.arange(-0.013, 0.013, _VOXEL_m) + _VOXEL_m / 2] * 2
-    x, y, z = (one.ravel() for one in np.meshgrid(*edges, np.arange(-0.048, 0.0, _VOXEL_m)))
+    x, y, z = (axis.ravel() for axis in np.meshgrid(*edges, np.arange(-0.048, 0.0, _VOXEL_m)))
     z = z + _VOXEL_m / 2
     r2 = (x**2 + y**2) / (0.5e-3 - 0.14 * z) ** 2
     fuel = 0.12 * np.exp(-r2 / 2 - (z + 0.02) ** 2 / (2 * 0.01**2))

@@ -70,11 +70,11 @@ def write_part(
 
 def measured_on(device: Device) -> str:
     """Sentence with the device, the versions and the commit."""
-    info, made = device.info, commit()
+    info, revision = device.info, commit()
     return (
         f"Measured on {info.name}, {info.compute_units} compute units, {info.version}; cldit "
-        f"{version('cldit')}{f' at commit {made[:7] + made[40:]}' if made else ''}, Python "
-        f"{platform.python_version()}."
+        f"{version('cldit')}{f' at commit {revision[:7] + revision[40:]}' if revision else ''}, "
+        f"Python {platform.python_version()}."
     )
 
 

@@ -24,7 +24,7 @@ from cldit.arrays import Floats
 from cldit.camera.correlation import correlation
 from cldit.errors import EvaluationError
 
-_BLURS_px = (4.0, 1.5, 0.0)
+_BLURS_px = (4.0, 1.5, 0.0)  # standard deviations in turn: a wide minimum first, then the exact one
 _STEP = 1e-3  # of a derivative, in pixels at the edge of the image
 _ALIKE = 0.5  # least correlation of the two emissivities
 _LEAST_EMISSIVITY = 0.02  # mean over the image, without which there is nothing to align
@@ -89,8 +89,8 @@ def align(fixed: Floats, moving: Floats) -> Alignment:
             "align: images: less than 2 % of the background is hidden by the spray; "
             "allowed: metadata"
         )
-    found = [_aligned(fixed, moving, mirrored=mirrored) for mirrored in (False, True)]
-    best, alike = max(found, key=lambda one: one[1])
+    views = [_aligned(fixed, moving, mirrored=mirrored) for mirrored in (False, True)]
+    best, alike = max(views, key=lambda view: view[1])
     if alike < _ALIKE:
         raise EvaluationError(
             f"align: images: the two do not look alike (correlation {alike:.2f}); allowed: metadata"
@@ -106,26 +106,26 @@ def _aligned(fixed: Floats, moving: Floats, *, mirrored: bool) -> tuple[Alignmen
     none = np.zeros((4, 4))
     values = np.array([0.0, 0.0, right, down])
     for blur_px in _BLURS_px:
-        one, other = (gaussian_filter(image, blur_px) for image in (fixed, moving))
+        still, shifted = (gaussian_filter(image, blur_px) for image in (fixed, moving))
 
-        def residuals(x: Floats, one: Floats = one, other: Floats = other) -> Floats:
+        def residuals(x: Floats, still: Floats = still, shifted: Floats = shifted) -> Floats:
             view = Alignment(values=x * unit, covariance=none, mirrored=mirrored)
-            seen = view.moved(other, order=3)
-            return np.asarray(np.where(np.isfinite(seen), seen - one, 0.0).ravel())
+            seen = view.moved(shifted, order=3)
+            return np.asarray(np.where(np.isfinite(seen), seen - still, 0.0).ravel())
 
         solved = least_squares(residuals, values / unit, diff_step=np.full(4, _STEP))
         values = solved.x * unit
-    left = solved.fun
+    residual = solved.fun
     jacobian = np.asarray(solved.jac, float)
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    weighed = inverse @ (jacobian * left[:, None]).T  # White 1980: residuals differ in size
-    size = float(np.sqrt(np.mean(left**2)))
-    alike_nearby = correlation((left / size).reshape(fixed.shape))[1] if size > 0.0 else 1.0
+    weighed = inverse @ (jacobian * residual[:, None]).T  # White 1980: residuals differ in size
+    size = float(np.sqrt(np.mean(residual**2)))
+    alike_nearby = correlation((residual / size).reshape(fixed.shape))[1] if size > 0.0 else 1.0
     covariance = alike_nearby * (weighed @ weighed.T) * unit[:, None] * unit
     view = Alignment(values=values, covariance=covariance, mirrored=mirrored)
     seen = view.moved(moving)
-    both = np.isfinite(seen)
-    alike = float(np.corrcoef(seen[both], fixed[both])[0, 1]) if both.any() else 0.0
+    common = np.isfinite(seen)
+    alike = float(np.corrcoef(seen[common], fixed[common])[0, 1]) if common.any() else 0.0
     return view, alike if np.isfinite(alike) else 0.0
 
 

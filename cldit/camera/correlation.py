@@ -24,31 +24,31 @@ def correlation(z: Floats) -> tuple[float, float]:
 
     z: (H, W) standardised residuals, NaN where there is none.
     """
-    known = np.isfinite(z)
-    rows, columns = (np.ptp(np.flatnonzero(known.any(axis=axis))) + 1 for axis in (1, 0))
-    far = max(1, round(_FARTHEST * max(rows, columns)))
-    shape = [next_fast_len(n + far, real=True) for n in z.shape]
-    mask, value = known.astype(float), np.where(known, z, 0.0)
-    of_mask, of_value, of_square = (rfft2(one, shape) for one in (mask, value, value**2))
+    valid = np.isfinite(z)
+    rows, columns = (np.ptp(np.flatnonzero(valid.any(axis=axis))) + 1 for axis in (1, 0))
+    reach = max(1, round(_FARTHEST * max(rows, columns)))
+    shape = [next_fast_len(n + reach, real=True) for n in z.shape]
+    mask, value = valid.astype(float), np.where(valid, z, 0.0)
+    of_mask, of_value, of_square = (rfft2(image, shape) for image in (mask, value, value**2))
 
-    def sums(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> Floats:
-        """Sums over pairs of pixels, by their distance; rows, then columns, up to `far`."""
-        whole = irfft2(np.conj(one) * other, shape)
-        near = np.concatenate([whole[-far:], whole[: far + 1]])
-        return np.concatenate([near[:, -far:], near[:, : far + 1]], axis=1)
+    def sums(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Floats:
+        """Sums over pairs of pixels, by their distance; rows, then columns, up to `reach`."""
+        correlated = irfft2(np.conj(a) * b, shape)
+        rows_within = np.concatenate([correlated[-reach:], correlated[: reach + 1]])
+        return np.concatenate([rows_within[:, -reach:], rows_within[:, : reach + 1]], axis=1)
 
     pairs = np.rint(sums(of_mask, of_mask))
     square, product = sums(of_square, of_mask), sums(of_value, of_value)
-    both = square + square[::-1, ::-1]
-    half = 0.5 * both - product
-    mean = float(np.mean(z[known] ** 2))
+    symmetric = square + square[::-1, ::-1]
+    half = 0.5 * symmetric - product
+    mean = float(np.mean(z[valid] ** 2))
     if not mean > 0.0:
-        return float(known.sum()), float(known.sum())  # equal: as good as one pixel
-    down, across = np.indices(pairs.shape) - far
+        return float(valid.sum()), float(valid.sum())  # equal: as good as one pixel
+    down, across = np.indices(pairs.shape) - reach
     ring = np.rint(np.hypot(down, across)).astype(int)
     count = np.bincount(ring.ravel(), pairs.ravel())
     rho = 1.0 - np.bincount(ring.ravel(), half.ravel()) / np.maximum(count, 1.0) / min(mean, 1.0)
     noise = np.sqrt((_KNOWN_SILL if mean >= 1.0 else 1.0) * 2.0 / np.maximum(count, 1.0))
-    near = np.cumprod((rho > noise) & (count > 0))[1 : far + 1]  # up to the first by chance
-    rho, weight = rho[1 : far + 1] * near, count[1 : far + 1] / pairs[far, far]
+    correlated = np.cumprod((rho > noise) & (count > 0))[1 : reach + 1]  # up to the first by chance
+    rho, weight = rho[1 : reach + 1] * correlated, count[1 : reach + 1] / pairs[reach, reach]
     return 1.0 + float(weight @ rho**2), 1.0 + float(weight @ rho)

@@ -109,7 +109,7 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
     def residuals(free: Floats) -> Floats:
         return line(float(free[0]))[0]
 
-    found = least_squares(
+    solution = least_squares(
         residuals,
         [1.0],
         bounds=([1.0 - _FARTHEST], [1.0 + _FARTHEST]),
@@ -118,9 +118,9 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
         ftol=1e-12,
         gtol=1e-12,
     )
-    stretch = float(found.x[0])
+    stretch = float(solution.x[0])
     residual, gain = line(stretch)
-    if not (gain > 0.0 and np.max(np.abs(residual)) < _POOREST_K) or found.active_mask[0]:
+    if not (gain > 0.0 and np.max(np.abs(residual)) < _POOREST_K) or solution.active_mask[0]:
         raise EvaluationError(
             f"calibration: the references do not lie on the curve of any filter within "
             f"{100 * _FARTHEST:.0f} % of the given one (off by {np.max(np.abs(residual)):.3g} K); "
@@ -128,7 +128,7 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
         )
     spare = len(residual) - 3
     variance = float(residual @ residual) / spare if spare > 0 else 0.0
-    curvature = float(np.sum(np.asarray(found.jac) ** 2))
+    curvature = float(np.sum(np.asarray(solution.jac) ** 2))
     return CurveFit(
         curve=Curve(filter_um=filter_um, stretch=stretch),
         stretch_error=float(np.sqrt(variance / curvature)) if curvature > 0 else 0.0,

@@ -137,9 +137,9 @@ class SensorModel:
                 f"radiance is not finite in {np.count_nonzero(~np.isfinite(radiance))} pixels"
             )
         mean = np.maximum(self.mean_electrons(radiance), 0.0)
-        few = mean < NORMAL_ABOVE_ELECTRONS
+        dim = mean < NORMAL_ABOVE_ELECTRONS
         electrons = mean + np.sqrt(mean) * rng.standard_normal(mean.shape)
-        electrons[few] = rng.poisson(mean[few])
+        electrons[dim] = rng.poisson(mean[dim])
         electrons += self.read_noise_electrons * rng.standard_normal(mean.shape)
         counts = np.rint(self.offset_counts + electrons / self.electrons_per_count)
         image = np.clip(counts, 0, self.saturation_counts).astype(np.uint16)

@@ -54,8 +54,8 @@ _REALS = {  # form and order of bytes in the head of a FAB
     b"((8, (32 8 23 0 1 9 0 127)),(4, (4 3 2 1)))": "<f4",
     b"((8, (32 8 23 0 1 9 0 127)),(4, (1 2 3 4)))": ">f4",
 }
-_HEAD = 1_000  # bytes in which the head of a FAB ends
-_ROUNDED = 1e-6  # relative: the ranges in Cell_H are those of doubles
+_HEAD = 1_000  # bytes, above those of a FAB's head: the form of its reals and nine integers
+_ROUNDED = 1e-6  # relative: Cell_H has ranges of doubles; floats differ by 2^-24 = 6e-8
 
 
 @dataclass(frozen=True)
@@ -81,14 +81,14 @@ def plotfiles(path: Path) -> list[Path]:
     folder = path.parent if path.name == "Header" else path
     if (folder / "Level_0").is_dir() and (folder / "Header").is_file():
         return [folder]
-    return sorted(each.parent.parent for each in path.glob("*/Level_0/Cell_H"))
+    return sorted(head.parent.parent for head in path.glob("*/Level_0/Cell_H"))
 
 
 def read_amrex(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time: a plotfile, or one of several in a folder."""
     path = _chosen(spec)[1]
-    known, time_s, lines = _head(path)
-    levels, files = _levels(path, len(known), lines)
+    field_names, time_s, lines = _head(path)
+    levels, files = _levels(path, len(field_names), lines)
     grids = [grid for level in levels for grid in level]
     clouds = _clouds(path)
     chosen = choose_cloud(str(path), clouds, spec.cloud)
@@ -101,23 +101,23 @@ def read_amrex(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 
     def read(name: str) -> Column:
         watch(f"reading {name}", 0, 1)
-        values = [_values(grid, known, known.index(name))[grid.kept] for grid in grids]
+        values = [_values(grid, field_names, field_names.index(name))[grid.kept] for grid in grids]
         return Column(f"{path}: cell field {name}", np.concatenate(values))
 
     remarks: list[str] = []
     share: AnyFloats = np.ones(1)
-    if (solid := next((each for each in _SOLID if each in known), None)) is not None:
+    if (solid := next((name for name in _SOLID if name in field_names), None)) is not None:
         share = read(solid).values
         ends = np.cumsum([int(grid.kept.sum()) for grid in grids])[:-1]
-        for grid, own in zip(grids, np.split(share, ends), strict=True):
-            grid.kept[grid.kept] = own > 0.0
+        for grid, shares in zip(grids, np.split(share, ends), strict=True):
+            grid.kept[grid.kept] = shares > 0.0
         if hidden := int(np.sum(share <= 0.0)):
             remarks.append(f"{path}: {hidden} cells in solid bodies ({solid}) were omitted.")
         share = share[share > 0.0]
-    middle, edges = (np.concatenate(each) for each in zip(*map(_cells, grids), strict=True))
+    middle, edges = (np.concatenate(arrays) for arrays in zip(*map(_cells, grids), strict=True))
     half = edges / 2 * np.cbrt(share)[:, None]
     mesh = BoxMesh(middle - half, middle + half, str(path / "Header"))
-    part = MeshPart(str(path), mesh, Fields(known, read))
+    part = MeshPart(str(path), mesh, Fields(field_names, read))
     gas = join_gas(path, [part], names.cells, spec.fuel_field, AMREX_NAMES)
     cloud = None
     if chosen is not None:
@@ -131,25 +131,26 @@ def read_amrex(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 def list_amrex(spec: CfdSpray) -> Listing:
     """Lists times [s], cell fields, and clouds with their fields, at the time asked for."""
     times, path = _chosen(spec)
-    return times, _head(path)[0], {n: list(_particles(own)[1]) for n, own in _clouds(path).items()}
+    clouds = {name: list(_particles(folder)[1]) for name, folder in _clouds(path).items()}
+    return times, _head(path)[0], clouds
 
 
 def _chosen(spec: CfdSpray) -> tuple[list[float], Path]:
     """Times of the plotfiles, and the plotfile at that asked for."""
-    known: dict[float, list[Path]] = {}
+    by_time: dict[float, list[Path]] = {}
     for path in plotfiles(spec.file):
-        known.setdefault(_head(path)[1], []).append(path)
-    time = choose_time(str(spec.file), known, spec.time_s)
-    return list(known), only_claimant(f"time {time:g}", known[time])
+        by_time.setdefault(_head(path)[1], []).append(path)
+    time = choose_time(str(spec.file), by_time, spec.time_s)
+    return list(by_time), only_claimant(f"time {time:g}", by_time[time])
 
 
 def _clouds(path: Path) -> dict[str, Path]:
-    heads = [each for each in path.glob("*/Header") if text_of(each).startswith("Version_")]
-    return {each.parent.name: each.parent for each in heads}
+    heads = [head for head in path.glob("*/Header") if text_of(head).startswith("Version_")]
+    return {head.parent.name: head.parent for head in heads}
 
 
-def _damaged(file: Path, what: str) -> SprayError:
-    return SprayError(f"{file}: is damaged or truncated, or no plotfile of AMReX ({what})")
+def _damaged(file: Path, reason: str) -> SprayError:
+    return SprayError(f"{file}: is damaged or truncated, or no plotfile of AMReX ({reason})")
 
 
 def _head(path: Path) -> tuple[list[str], float, list[str]]:
@@ -162,9 +163,9 @@ def _head(path: Path) -> tuple[list[str], float, list[str]]:
     except (ValueError, IndexError) as error:
         raise _damaged(path / "Header", str(error)) from error
     if dimension != 3 or _CGS in names:
-        what = f"{dimension} dimensions" if dimension != 3 else f"{_CGS}, of PeleC, whose units are"
-        what += "" if dimension != 3 else " cm, g, s"
-        raise SprayError(f"{path / 'Header'}: has {what}; allowed: three dimensions, in m, kg, s")
+        units = f"{_CGS}, of PeleC, whose units are cm, g, s"
+        fault = f"{dimension} dimensions" if dimension != 3 else units
+        raise SprayError(f"{path / 'Header'}: has {fault}; allowed: three dimensions, in m, kg, s")
     return names, time, rest
 
 
@@ -174,7 +175,7 @@ def _levels(path: Path, fields: int, lines: list[str]) -> tuple[list[list[_Grid]
     try:
         finest = int(lines[0])
         low_m = np.array([float(word) for word in lines[1].split()])
-        domains = [np.array(each, np.int64) for each in _BOX.findall(lines[4])]
+        domains = [np.array(box, np.int64) for box in _BOX.findall(lines[4])]
         sizes = [np.array([float(w) for w in line.split()]) for line in lines[6 : 7 + finest]]
         coordinates, places = int(lines[7 + finest]), []
         at = 9 + finest
@@ -188,36 +189,36 @@ def _levels(path: Path, fields: int, lines: list[str]) -> tuple[list[list[_Grid]
     levels = []
     for domain, size, file in zip(domains, sizes, places, strict=True):
         levels.append(_grids(file, fields, size, low_m - size * domain[:3].astype(float)))
-    whole = int((domains[0][3:6] - domains[0][:3] + 1).prod())
-    if (cells := sum(grid.kept.size for grid in levels[0])) != whole:
-        raise _damaged(places[0], f"{cells} cells of {whole} of the domain")
+    domain_cells = int((domains[0][3:6] - domains[0][:3] + 1).prod())
+    if (cells := sum(grid.kept.size for grid in levels[0])) != domain_cells:
+        raise _damaged(places[0], f"{cells} cells of {domain_cells} of the domain")
     data = sorted({grid.data[0] for level in levels for grid in level})
     return levels, [head, *places, *data]
 
 
 def _grids(file: Path, components: int, size_m: Floats, low_m: AnyFloats) -> list[_Grid]:
     """Boxes of a level by its Cell_H."""
-    text = text_of(file)
-    boxes = np.array(_BOX.findall(text), np.int64).reshape(-1, 6)
-    places = re.findall(r"^FabOnDisk: (\S+) (\d+)$", text, re.MULTILINE)
-    begin = [found.end() for found in re.finditer(r"^\d+,\d+\n", text, re.MULTILINE)]
+    header = text_of(file)
+    boxes = np.array(_BOX.findall(header), np.int64).reshape(-1, 6)
+    places = re.findall(r"^FabOnDisk: (\S+) (\d+)$", header, re.MULTILINE)
+    begin = [match.end() for match in re.finditer(r"^\d+,\d+\n", header, re.MULTILINE)]
     try:
-        version, _, stated, grown = (int(line) for line in text.splitlines()[:4])
+        version, _, stated, grown = (int(line) for line in header.splitlines()[:4])
         shape = len(places), components
-        tables = [text[place:].split("\n\n")[0].replace(",", " ").split() for place in begin]
+        tables = [header[place:].split("\n\n")[0].replace(",", " ").split() for place in begin]
         ranges = np.array(tables, np.float64).reshape(2, *shape)
     except ValueError as error:
         raise _damaged(file, str(error)) from error
     if version != 1 or stated != components or not len(boxes) == len(places) > 0:
-        what = f"version {version}; allowed: 1; {stated} components, {components} in the Header; "
-        raise _damaged(file, f"{what}{len(places)} arrays of {len(boxes)} boxes")
+        fault = f"version {version}; allowed: 1; {stated} components, {components} in the Header; "
+        raise _damaged(file, f"{fault}{len(places)} arrays of {len(boxes)} boxes")
     where = [(file.parent / name, int(place)) for name, place in places]
     return [
         _Grid(
-            box[:3], box[3:], size_m, low_m, grown, data, own,
+            box[:3], box[3:], size_m, low_m, grown, data, extremes,
             np.ones(int((box[3:] - box[:3] + 1).prod()), bool),
         )
-        for box, data, own in zip(boxes, where, ranges.swapaxes(0, 1), strict=True)
+        for box, data, extremes in zip(boxes, where, ranges.swapaxes(0, 1), strict=True)
     ]  # fmt: skip
 
 
@@ -229,8 +230,8 @@ def _cover(level: list[_Grid], finer: list[_Grid]) -> None:
     for grid in level:
         kept = grid.kept.reshape((grid.high - grid.low + 1)[::-1])
         for over in np.flatnonzero(np.all((low <= grid.high) & (high >= grid.low), axis=1)):
-            first, last = np.maximum(low[over] - grid.low, 0), high[over] - grid.low + 1
-            kept[tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))] = False
+            begin, end = np.maximum(low[over] - grid.low, 0), high[over] - grid.low + 1
+            kept[tuple(slice(a, b) for a, b in zip(begin[::-1], end[::-1], strict=True))] = False
 
 
 def _cells(grid: _Grid) -> tuple[Floats, Floats]:
@@ -254,8 +255,8 @@ def _values(grid: _Grid, names: Sequence[str], part: int) -> AnyFloats:
         bounds = np.array(box.groups(), np.int64)
         grown = np.concatenate([grid.low - grid.grown, grid.high + grid.grown])
         if int(head.group(3)) != len(names) or np.any(bounds != grown):
-            what = f"{head.group(3).decode()} components in {box.group()}"
-            raise _damaged(file, f"{what} at {begin}, but Cell_H has {len(names)} in another box")
+            fault = f"{head.group(3).decode()} components in {box.group()}"
+            raise _damaged(file, f"{fault} at {begin}, but Cell_H has {len(names)} in another box")
         number, cells = np.dtype(_REALS[head.group(1)]), int(shape.prod())
         stream.seek(begin + head.end() + part * cells * number.itemsize)
         content = stream.read(cells * number.itemsize)
@@ -264,10 +265,10 @@ def _values(grid: _Grid, names: Sequence[str], part: int) -> AnyFloats:
         raise _damaged(file, f"{names[part]} ends after {have} of {cells} values")
     inner = slice(grid.grown, -grid.grown or None)
     values = np.frombuffer(content, number).reshape(shape)[inner, inner, inner]
-    found = np.array([values.min(), values.max()], np.float64)
+    extremes = np.array([values.min(), values.max()], np.float64)
     stated = grid.ranges[:, part]
-    if np.any(np.abs(found - stated) > _ROUNDED * np.abs(stated).max()):
-        shown, right = (f"{low:.9g} to {high:.9g}" for low, high in (found, stated))
+    if np.any(np.abs(extremes - stated) > _ROUNDED * np.abs(stated).max()):
+        shown, right = (f"{low:.9g} to {high:.9g}" for low, high in (extremes, stated))
         raise _damaged(file, f"{names[part]} at {begin} is {shown}, by Cell_H {right}")
     return values.reshape(-1).astype(values.dtype.newbyteorder("="))
 
@@ -298,24 +299,25 @@ def _particles(folder: Path) -> tuple[Column, dict[str, Column], list[str]]:
         raise _damaged(head, f"{rows[:, 1].sum()} particles of {total}, in {words[1]} dimensions")
     level = np.repeat(np.arange(finest + 1), boxes)
     width = 4 * (2 + integers), number.itemsize * (3 + reals)
-    whole, real = [np.empty((0, 2 + integers))], [np.empty((0, 3 + reals))]
+    integer_parts, real_parts = [np.empty((0, 2 + integers))], [np.empty((0, 3 + reals))]
     filled = np.column_stack([level, rows])[rows[:, 1] > 0]
-    for here, which in np.unique(filled[:, :2], axis=0):
-        file = folder / f"Level_{here}" / f"DATA_{which:05d}"
-        own = filled[np.all(filled[:, :2] == [here, which], axis=1), 1:]
-        own = own[np.argsort(own[:, 2])]
+    for at_level, file_index in np.unique(filled[:, :2], axis=0):
+        file = folder / f"Level_{at_level}" / f"DATA_{file_index:05d}"
+        blocks = filled[np.all(filled[:, :2] == [at_level, file_index], axis=1), 1:]
+        blocks = blocks[np.argsort(blocks[:, 2])]
         with open_regular(regular(file)) as stream:
             content = stream.read()
-        ends = own[:, 2] + own[:, 1] * sum(width)
-        if [0, *ends] != [*own[:, 2], len(content)]:
-            what = f"{len(content)} bytes, but {own[:, 1].sum()} particles of {sum(width)} bytes"
-            raise _damaged(file, f"{what} in {kind.group(1)} precision by {head}")
-        for _, count, begin in own:
+        ends = blocks[:, 2] + blocks[:, 1] * sum(width)
+        if [0, *ends] != [*blocks[:, 2], len(content)]:
+            stated = f"{blocks[:, 1].sum()} particles of {sum(width)} bytes"
+            precision = f"{kind.group(1)} precision by {head}"
+            raise _damaged(file, f"{len(content)} bytes, but {stated} in {precision}")
+        for _, count, begin in blocks:
             split = begin + count * width[0]
-            whole.append(np.frombuffer(content[begin:split], "<i4").reshape(count, -1))
+            integer_parts.append(np.frombuffer(content[begin:split], "<i4").reshape(count, -1))
             held = np.frombuffer(content, number, count * (3 + reals), split)
-            real.append(held.reshape(count, -1))
-    marks, values = np.concatenate(whole), np.concatenate(real)
+            real_parts.append(held.reshape(count, -1))
+    marks, values = np.concatenate(integer_parts), np.concatenate(real_parts)
     valid = marks[:, 0] > 0  # others are ghosts, or stand for those of finer levels
     marks, values = marks[valid], values[valid].astype(np.float64)
     label = f"{folder}: particle field"
@@ -323,5 +325,5 @@ def _particles(folder: Path) -> tuple[Column, dict[str, Column], list[str]]:
     columns = {name: Column(f"{label} {name}", part) for name, part in parts}
     columns["particle_id"] = Column(f"{label} id of cpu", marks[:, 1] * 2.0**32 + marks[:, 0])
     lost = int(np.sum(~valid))
-    said = [f"{folder}: {lost} particles without a valid id were omitted."] if lost else []
-    return Column(f"{folder}: positions", values[:, :3]), columns, said
+    remarks = [f"{folder}: {lost} particles without a valid id were omitted."] if lost else []
+    return Column(f"{folder}: positions", values[:, :3]), columns, remarks

@@ -45,13 +45,13 @@ class Column:
 class Cloud:
     """Parcels: positions (N, 3), fields by name: d, nParticle, T, rho; U, age, origin if given.
 
-    others: columns (N,) of the file that are none of these, as evidence of what the rows are.
+    extra: columns (N,) of the file that are none of these, as evidence of what the rows are.
     """
 
     name: str
     position_m: Column
     fields: Mapping[str, Column]
-    others: Mapping[str, Column] = field(default_factory=dict)
+    extra: Mapping[str, Column] = field(default_factory=dict)
 
     @property
     def masses(self) -> AnyFloats:
@@ -112,30 +112,30 @@ def triple(vector: Floats) -> str:
     return "(" + ", ".join(f"{0.0 if abs(part) < 1e-12 else part:.4g}" for part in vector) + ")"
 
 
-def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
-    """Returns the only one of `claimants` to be `what` ("the mesh of step 10"), or raises."""
-    known = sorted(set(claimants))
-    if len(known) > 1:
-        shown = ", ".join(map(str, known))
+def only_claimant(role: str, claimants: Iterable[Path]) -> Path:
+    """Returns the only file in a `role` ("the mesh of step 10"); raises if several claim it."""
+    distinct = sorted(set(claimants))
+    if len(distinct) > 1:
+        shown = ", ".join(map(str, distinct))
         way = "name one of them as the case, or move the others"
-        raise SprayError(f"{known[0]}: {len(known)} claim to be {what}: {shown}; {way}")
-    return known[0]
+        raise SprayError(f"{distinct[0]}: {len(distinct)} claim to be {role}: {shown}; {way}")
+    return distinct[0]
 
 
-def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str | None:
+def choose_cloud(source: str, names: Iterable[str], requested: str | None) -> str | None:
     """Chooses the cloud asked for, else the only one; None for gas alone (`none`, or no cloud)."""
-    if wanted == NO_CLOUD:
+    if requested == NO_CLOUD:
         return None
-    known = sorted(set(names))
-    shown = ", ".join(known) or "none"
-    if wanted is not None:
-        if wanted not in known:
-            raise SprayError(f"{source}: no cloud {wanted!r} (spray.cloud); available: {shown}")
-        return wanted
-    if len(known) > 1:
+    available = sorted(set(names))
+    shown = ", ".join(available) or "none"
+    if requested is not None:
+        if requested not in available:
+            raise SprayError(f"{source}: no cloud {requested!r} (spray.cloud); available: {shown}")
+        return requested
+    if len(available) > 1:
         way = f"set spray.cloud to one of them, or to {NO_CLOUD!r} for gas alone"
         raise SprayError(f"{source}: several clouds: {shown}; {way}")
-    return known[0] if known else None
+    return available[0] if available else None
 
 
 def refuse_cloud(spec: CfdSpray) -> None:
@@ -164,15 +164,15 @@ def complete_cloud(
         raise EmptyCloud(f"{position_m.label}: cloud {name!r} has no parcel; {way}")
     for needed in CLOUD_FIELDS:
         if needed not in fields:
-            known = ", ".join(sorted(columns)) or "none"
+            available = ", ".join(sorted(columns)) or "none"
             lack = f"cloud {name!r} has no field {needed!r}"
             way = f"a mapping file names it{', or a constant: `density: 684`' * (needed == 'rho')}"
-            raise SprayError(f"{source}: {lack}; it has: {known} ({way})")
+            raise SprayError(f"{source}: {lack}; it has: {available} ({way})")
     for column in fields.values():
         if len(column.values) != count:
             raise SprayError(f"{column.label}: {len(column.values)} values for {count} parcels")
-    others = {k: v for k, v in columns.items() if k not in used and v.values.shape == (count,)}
-    return Cloud(name, position_m, fields, others)
+    extra = {k: v for k, v in columns.items() if k not in used and v.values.shape == (count,)}
+    return Cloud(name, position_m, fields, extra)
 
 
 def joined(columns: list[Column]) -> Column:

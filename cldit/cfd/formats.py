@@ -78,20 +78,20 @@ def find_format(spec: CfdSpray) -> str:
         if spec.file.suffix not in _SUFFIX:
             refuse_unknown(spec.file)
         return _SUFFIX[spec.file.suffix]
-    found = {
+    kinds = {
         _SUFFIX[suffix]
         for suffix in (".case", ".encas", ".h5")
         if any(spec.file.glob(f"*{suffix}"))
     }
-    if len(found) > 1:
-        raise SprayError(f"{spec.file}: files of {' and '.join(sorted(found))}; set spray.format")
-    if not found and not is_vtk(spec.file):
-        inside = [each for each in sorted(spec.file.iterdir()) if each.is_dir() and is_vtk(each)]
+    if len(kinds) > 1:
+        raise SprayError(f"{spec.file}: files of {' and '.join(sorted(kinds))}; set spray.format")
+    if not kinds and not is_vtk(spec.file):
+        inside = [path for path in sorted(spec.file.iterdir()) if path.is_dir() and is_vtk(path)]
         if inside:
             shown = ", ".join(map(str, inside[:5]))
             raise SprayError(f"{spec.file}: VTK files are in {shown}; give one of these folders")
         refuse_folder(spec.file)
-    return found.pop() if found else "vtk"
+    return kinds.pop() if kinds else "vtk"
 
 
 def read_case(spec: CfdSpray, watch: Watch = silent, *, fuel_column: str | None = None) -> CfdCase:
@@ -115,50 +115,50 @@ def read_case(spec: CfdSpray, watch: Watch = silent, *, fuel_column: str | None 
     read = FORMATS[kind].read
     if kind != "tables" and names.parcels is not None and names.parcels.file is not None:
         gas = spec.model_copy(update={"cloud": NO_CLOUD})
-        found = _with_table(spec, names, read(gas, names, watch))
+        case = _with_table(spec, names, read(gas, names, watch))
     else:
-        found = read(spec, names, watch)
-        found = found if kind == "openfoam" else _in_its_case(spec, found)
+        case = read(spec, names, watch)
+        case = case if kind == "openfoam" else _in_its_case(spec, case)
     mapped = () if spec.mapping is None else (spec.mapping,)
     accept = (*spec.accept, *names.accept)
-    return replace(found, files=(*mapped, *found.files), accept=accept)
+    return replace(case, files=(*mapped, *case.files), accept=accept)
 
 
-def _with_table(spec: CfdSpray, names: ColumnMap, found: CfdCase) -> CfdCase:
+def _with_table(spec: CfdSpray, names: ColumnMap, case: CfdCase) -> CfdCase:
     """Replaces the cloud of a case by the table that its mapping file names."""
     path = spec.mapping
     assert path is not None and names.parcels is not None and names.parcels.file is not None
     if spec.cloud not in (None, "parcels"):
-        both = f"parcels.file names the parcels, and spray.cloud is {spec.cloud!r}"
-        raise SprayError(f"{path}: {both}; remove one of them")
+        conflict = f"parcels.file names the parcels, and spray.cloud is {spec.cloud!r}"
+        raise SprayError(f"{path}: {conflict}; remove one of them")
     file = path.parent / names.parcels.file
-    return replace(found, cloud=table_cloud(path, names), files=(*found.files, file))
+    return replace(case, cloud=table_cloud(path, names), files=(*case.files, file))
 
 
-def _in_its_case(spec: CfdSpray, found: CfdCase) -> CfdCase:
+def _in_its_case(spec: CfdSpray, converted: CfdCase) -> CfdCase:
     """Adds the injectors of the OpenFOAM case in which its converted files lie.
 
     A converted file without parcels is refused if the case itself has some.
     """
-    near = spec.file.resolve().parents[:3]
-    case = next((each for each in near if (each / "constant").is_dir()), None)
+    parents = spec.file.resolve().parents[:3]
+    case = next((parent for parent in parents if (parent / "constant").is_dir()), None)
     if case is None:
-        return found
-    if found.cloud is not None:
-        injectors, dictionaries = case_injectors(case, found.cloud.name)
-        remarks = found.remarks
-        if others := {each.name for each in clouds_of(case)} - {found.cloud.name}:
-            shown = ", ".join(sorted(others))
-            remarks += (f"{found.source}: parcels of {shown} in {case} are not read.",)
-        files = (*found.files, *dictionaries)
-        return replace(found, injectors=injectors, files=files, remarks=remarks)
+        return converted
+    if converted.cloud is not None:
+        injectors, dictionaries = case_injectors(case, converted.cloud.name)
+        remarks = converted.remarks
+        if unread := {folder.name for folder in clouds_of(case)} - {converted.cloud.name}:
+            shown = ", ".join(sorted(unread))
+            remarks += (f"{converted.source}: parcels of {shown} in {case} are not read.",)
+        files = (*converted.files, *dictionaries)
+        return replace(converted, injectors=injectors, files=files, remarks=remarks)
     if spec.cloud is None and (folders := clouds_of(case)):
         raise SprayError(
-            f"{found.source}: no parcels, but the case around it has some: "
+            f"{converted.source}: no parcels, but the case around it has some: "
             f"{', '.join(map(str, folders[:3]))} (foamToVTK and foamToEnsight omit those of a "
             f"region); give {case} as the case, or set spray.cloud: {NO_CLOUD} for gas alone"
         )
-    return found
+    return converted
 
 
 @dataclass(frozen=True)

@@ -84,11 +84,11 @@ def list_case(spec: CfdSpray) -> list[str]:
     def listed(names: Iterable[str]) -> str:
         return ", ".join(f'"{name}"' if "," in name else name for name in names)
 
-    found = contents(spec)
-    times = ", ".join(f"{time:.9g}" for time in found.times_s) or "not stated"
-    fields = listed(found.fields) or "none"
-    lines = [f"format: {found.format}", f"times in s: {times}", f"cell fields: {fields}"]
-    clouds = [f"cloud {name}: {listed(each) or 'no fields'}" for name, each in found.clouds.items()]
+    case = contents(spec)
+    times = ", ".join(f"{time:.9g}" for time in case.times_s) or "not stated"
+    fields = listed(case.fields) or "none"
+    lines = [f"format: {case.format}", f"times in s: {times}", f"cell fields: {fields}"]
+    clouds = [f"cloud {key}: {listed(names) or 'no fields'}" for key, names in case.clouds.items()]
     return lines + (clouds or ["clouds: none"])
 
 
@@ -117,11 +117,11 @@ def case_lines(spec: CfdSpray, spray: Spray, *, files: bool = False) -> list[str
     read = f"{len(spray.files)} files read, {size / 1e6:.3g} MB"
     lines = [f"{spec.file}: {find_format(spec)}, {read}"]
     lines += [f"  {file.text}" for file in spray.files if files]
-    for name, (text, unit, factor) in _SHOWN.items():
+    for name, (label, unit, factor) in _SHOWN.items():
         if name in spray.notes:
             if name == "time_s" and abs(spray.notes[name]) >= 1.0:  # degrees of crank angle
-                text, unit, factor = "time, in the case's own unit", "", 1.0
+                label, unit, factor = "time, in the case's own unit", "", 1.0
             value = spray.notes[name] * factor
             shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
-            lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
+            lines.append(f"  {label:34s}{shown:>12s} {unit}".rstrip())
     return lines + [f"  {remark}" for remark in spray.remarks]

@@ -8,7 +8,7 @@ from cldit.io.extras import needed
 from cldit.io.files import check_regular, read_text
 from cldit.io.free_memory import free_bytes
 
-_AT_ONCE = 1 << 22
+_AT_ONCE = 1 << 22  # bytes; what is read may exceed the limit of the memory by so much
 _SHARE = 3  # text is held twice while it is put together, and its numbers beside it
 
 
@@ -23,7 +23,7 @@ def regular(path: Path) -> Path:
 
 def module(name: str, path: Path) -> Any:
     """Imports a module of the extra `cfd` to read `path`."""
-    return needed(name, extra="cfd", what=f"{path}:", error=SprayError)
+    return needed(name, extra="cfd", needed_by=f"{path}:", error=SprayError)
 
 
 def text_of(path: Path) -> str:
@@ -40,7 +40,7 @@ def content(stream: Any, path: Path, size: int | None = None) -> bytes:
     A packed file may unpack to a thousand times its size, and a damaged one may state any size.
     """
     free = free_bytes()
-    most = None if free is None else free // _SHARE
+    limit = None if free is None else free // _SHARE
     parts: list[bytes] = []
     have = 0
     while size is None or have < size:
@@ -49,7 +49,7 @@ def content(stream: Any, path: Path, size: int | None = None) -> bytes:
             break
         parts.append(part)
         have += len(part)
-        if most is not None and have > most:
+        if limit is not None and have > limit:
             raise SprayError(
                 f"{path}: more than {have / 1e9:.2g} GB of content; allowed: up to a third of the "
                 f"{(free or 0) / 1e9:.2g} GB of memory that are free"

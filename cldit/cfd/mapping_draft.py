@@ -65,9 +65,9 @@ def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
         raise SprayError(f"{out}: exists already (--write-mapping); give another name")
     table = spec.format is None and spec.file.is_file() and spec.file.suffix.lower() in TABLES
     draft = _of_table(spec) if table else _of_case(spec)
-    text = "\n".join(draft.lines(out.resolve().parent)) + "\n"
-    write_text(out, text)
-    missing = [line.strip(" #") for line in text.splitlines() if "# not found" in line]
+    content = "\n".join(draft.lines(out.resolve().parent)) + "\n"
+    write_text(out, content)
+    missing = [line.strip(" #") for line in content.splitlines() if "# not found" in line]
     return [str(out), *(f"  not found: {line.partition(':')[0]}" for line in missing)]
 
 
@@ -79,47 +79,47 @@ class Draft:
     """
 
     title: str
-    found: ColumnMap
+    mapping: ColumnMap
     fields: Sequence[str]
     parcel_fields: Sequence[str] | None
     tables: bool
 
     def lines(self, folder: Path) -> Iterator[str]:
-        """Lines of a mapping file that reads as `found`; paths are relative to `folder`."""
+        """Lines of a mapping file that reads as `mapping`; paths are relative to `folder`."""
         places = _TABLE_NOTES if self.tables else {}
         yield f"# {self.title}"
         yield "# Remove the # of a line to use it, and correct names and units."
-        if self.found.time_s is not None:
-            yield f"time_s: {self.found.time_s!r}"
+        if self.mapping.time_s is not None:
+            yield f"time_s: {self.mapping.time_s!r}"
         elif self.tables:
             yield "# time_s: 0.001"
-        yield from _section("cells", self.found.cells, places | _GAS_NOTES, self.fields, folder)
+        yield from _section("cells", self.mapping.cells, places | _GAS_NOTES, self.fields, folder)
         if self.parcel_fields is not None or self.tables:
             notes = {k: v for k, v in places.items() if k == "position"} | _PARCEL_NOTES
-            given = self.found.parcels or ParcelColumns()
-            yield from _section("parcels", given, notes, self.parcel_fields or (), folder)
+            parcels = self.mapping.parcels or ParcelColumns()
+            yield from _section("parcels", parcels, notes, self.parcel_fields or (), folder)
 
 
 def _section(
     name: str,
-    given: CellColumns | ParcelColumns,
+    mapping: CellColumns | ParcelColumns,
     notes: dict[str, str],
-    known: Sequence[str],
+    available: Sequence[str],
     folder: Path,
 ) -> Iterator[str]:
     body = []
-    if given.file is not None:
-        body.append(f"  file: {yaml_value(os.path.relpath(given.file, folder))}")
+    if mapping.file is not None:
+        body.append(f"  file: {yaml_value(os.path.relpath(mapping.file, folder))}")
     for key in ("delimiter", "decimal", "header_line"):
-        if key in given.model_fields_set and (value := getattr(given, key)) is not None:
+        if key in mapping.model_fields_set and (value := getattr(mapping, key)) is not None:
             body.append(f"  {key}: {yaml_value(value)}")
     for key, note in notes.items():
-        value, si = getattr(given, key), next(iter(units_of(key)))
+        value, si = getattr(mapping, key), next(iter(units_of(key)))
         if value is not None:
             body.append(f"  {key}: {yaml_value(_plain(value, si))}")
-        elif getattr(given, _PAIRS.get(key, key), None) is None or key not in _PAIRS:
+        elif getattr(mapping, _PAIRS.get(key, key), None) is None or key not in _PAIRS:
             names = (GAS if name == "cells" else PARCELS).get(key, "")
-            close = guessed(names.split(), known) or similar(key, known)
+            close = guessed(names.split(), available) or similar(key, available)
             shape = f"column: {yaml_value(close[0]) if close else 'NAME'}"
             if key in ("position", "size", "velocity", "origin"):
                 shape = "columns: [X, Y, Z]"
@@ -127,7 +127,7 @@ def _section(
             body.append(line + (f"; {note}" if note else ""))
     active = any(not line.lstrip().startswith("#") for line in body)
     yield f"{name}:" if active else f"# {name}:"
-    yield f"  # available: {', '.join(sorted(known)) or 'none'}"
+    yield f"  # available: {', '.join(sorted(available)) or 'none'}"
     yield from body
 
 
@@ -152,49 +152,50 @@ def _of_case(spec: CfdSpray) -> Draft:
     kind = find_format(spec)
     if kind == "cldit":
         raise SprayError(f"{spec.file}: cldit's own file needs no mapping")
-    known = contents(spec)
+    listing = contents(spec)
     if kind == "tables":
-        found, parcels = _absolute(read_column_map(spec.file), spec.file.resolve().parent), None
-        if found.parcels is not None:
-            parcels = known.clouds.get("parcels", ())
+        mapping, parcels = _absolute(read_column_map(spec.file), spec.file.resolve().parent), None
+        if mapping.parcels is not None:
+            parcels = listing.clouds.get("parcels", ())
     else:
-        clouds = known.clouds if spec.cloud != NO_CLOUD else {}
+        clouds = listing.clouds if spec.cloud != NO_CLOUD else {}
         chosen = choose_cloud(str(spec.file), clouds, spec.cloud)
         parcels = None if chosen is None else clouds[chosen]
-        given = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
-        fields = {each.rpartition("/")[2] for each in known.fields}  # without the region
+        override = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
+        fields = {field.rpartition("/")[2] for field in listing.fields}  # without the region
         form = FORMATS[kind]
-        found = ColumnMap(cells=gas_names(given.cells, fields, spec.fuel_field, form.gas))
+        mapping = ColumnMap(cells=gas_names(override.cells, fields, spec.fuel_field, form.gas))
         if parcels is not None:
             names = form.parcels(
                 [*parcels, *(f"{name}_{part}" for name in parcels for part in "XYZ")]
             )
-            found = found.model_copy(update={"parcels": merged(given.parcels, names)})
+            mapping = mapping.model_copy(update={"parcels": merged(override.parcels, names)})
     title = f"Names of {spec.file} ({kind}) for `cldit import --mapping`"
-    return Draft(title, found, known.fields, parcels, kind == "tables")
+    return Draft(title, mapping, listing.fields, parcels, kind == "tables")
 
 
-def _absolute(found: ColumnMap, folder: Path) -> ColumnMap:
+def _absolute(mapping: ColumnMap, folder: Path) -> ColumnMap:
     """Mapping with absolute paths of its tables."""
     placed = {
         name: part.model_copy(update={"file": folder / part.file})
-        for name, part in (("cells", found.cells), ("parcels", found.parcels))
+        for name, part in (("cells", mapping.cells), ("parcels", mapping.parcels))
         if part is not None and part.file is not None
     }
-    return found.model_copy(update=placed)
+    return mapping.model_copy(update=placed)
 
 
 def _of_table(spec: CfdSpray) -> Draft:
     """Draft of a mapping for tables, from the names of one table."""
     file = spec.file.resolve()
     names = table_names(file, CellColumns())
-    own = normalised(spec.fuel_field)
-    fuel = f"{own} y{own} massfractionof{own} massfrac{own} {own}massfraction {GAS['fuel']} "
-    fuel += f"molefractionof{own} {own}molefraction molef{own} x{own}"
+    fuel_name = normalised(spec.fuel_field)
+    mass_fraction = "{0} y{0} massfractionof{0} massfrac{0} {0}massfraction"
+    mole_fraction = "molefractionof{0} {0}molefraction molef{0} x{0}"
+    fuel = f"{mass_fraction} {GAS['fuel']} {mole_fraction}".format(fuel_name)
 
-    def scalars(known: Mapping[str, str]) -> dict[str, Any]:
-        found = {key: guessed(several.split(), names) for key, several in known.items()}
-        return {key: Scalar(column=each[0]) for key, each in found.items() if len(each) == 1}
+    def scalars(aliases: Mapping[str, str]) -> dict[str, Any]:
+        matches = {key: guessed(several.split(), names) for key, several in aliases.items()}
+        return {key: Scalar(column=hits[0]) for key, hits in matches.items() if len(hits) == 1}
 
     def vector(key: str) -> Vector | None:
         for letters in VECTORS[key].split(", "):
@@ -207,11 +208,11 @@ def _of_table(spec: CfdSpray) -> Draft:
     parcels = scalars(PARCELS)
     if {"diameter", "radius"} & set(parcels):
         parcels |= {"position": vector("position"), "velocity": vector("velocity")}
-        for one, other in PAIRS:
-            if one in parcels:
-                parcels.pop(other, None)
-        found = ColumnMap(parcels=ParcelColumns(file=file, **parcels))
-        return Draft(title, found, [], names, tables=True)
+        for key, alternative in PAIRS:
+            if key in parcels:
+                parcels.pop(alternative, None)
+        mapping = ColumnMap(parcels=ParcelColumns(file=file, **parcels))
+        return Draft(title, mapping, [], names, tables=True)
     cells = scalars({**GAS, "fuel": fuel})
     cells |= {"position": vector("position"), "size": vector("size")}
     if cells["size"] is not None:

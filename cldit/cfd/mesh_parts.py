@@ -38,7 +38,7 @@ class MeshPart:
 def join_gas(
     path: Path,
     parts: Sequence[MeshPart],
-    given: CellColumns,
+    mapping: CellColumns,
     fuel_field: str,
     default: Mapping[str, tuple[str, ...]] = FOAM_NAMES,
 ) -> CfdCase:
@@ -46,28 +46,27 @@ def join_gas(
     meshes: list[CellMesh] = []
     fields: list[dict[str, Column]] = []
     remarks: list[str] = []
-    wanted = [gas_names(given, part.names, fuel_field, default) for part in parts]
-    pairs = list(zip(parts, wanted, strict=True))
+    column_names = [gas_names(mapping, part.names, fuel_field, default) for part in parts]
+    pairs = list(zip(parts, column_names, strict=True))
     fuelled = [(part, names) for part, names in pairs if _has_fuel(part, names)] or pairs
     for part, names in fuelled:
         mesh, cells = part.mesh() if callable(part.mesh) else part.mesh, part.cells
         if isinstance(mesh, ElementMesh | Mesh):
             cells, moved = with_point_fields(cells, part.points, names, mesh.corner_mean)
             if moved:
-                what = f"{', '.join(moved)} at points became means over cells"
-                remarks.append(f"{part.name}: {what}.")
+                change = f"{', '.join(moved)} at points became means over cells"
+                remarks.append(f"{part.name}: {change}.")
         meshes.append(mesh)
         fields.append(gas_columns(Source(part.name, cells, mesh.cells), names, fuel_field))
     used = [part.name for part, _ in fuelled]
     if skipped := ", ".join(part.name for part in parts if part.name not in used):
         remarks.append(f"Meshes without {fuel_field} were omitted: {skipped}.")
-    for each in fields:
-        if odd := set(fields[0]) ^ set(each):
+    for columns in fields:
+        if odd := set(fields[0]) ^ set(columns):
             raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
-    known = sorted(set[str]().union(*(part.names for part in parts)))
-    gas = {name: joined([each[name] for each in fields]) for name in fields[0]}
-    said = tuple(remarks)
-    return CfdCase(str(path), None, join(meshes), gas, tuple(known), None, remarks=said)
+    available = tuple(sorted(set[str]().union(*(part.names for part in parts))))
+    gas = {name: joined([part_fields[name] for part_fields in fields]) for name in fields[0]}
+    return CfdCase(str(path), None, join(meshes), gas, available, None, remarks=tuple(remarks))
 
 
 def _has_fuel(part: MeshPart, names: CellColumns) -> bool:
@@ -89,22 +88,22 @@ def with_point_fields(
     corners, or by p/T if there is none, which conserves the mass of gas and of fuel. `mean`
     averages values (P,) over the corners of each cell.
     """
-    wanted = {
+    columns = {
         key: value.column
         for key in GAS_KEYS
         if (value := getattr(names, key)) is not None and value.column is not None
     }
-    moved = [key for key, name in wanted.items() if name not in cells and name in points]
+    moved = [key for key, name in columns.items() if name not in cells and name in points]
     if not moved:
         return cells, ()
-    for name in {wanted[key] for key in wanted if wanted[key] in points}:
+    for name in {columns[key] for key in columns if columns[key] in points}:
         undefined = points[name].undefined
         if undefined is not None and mean(undefined.astype(np.float64)).any():
             raise SprayError(f"{points[name].label}: some corners of cells have no value")
-    weight = _weight(points, wanted) if {"temperature", "fuel"} & set(moved) else None
+    weight = _weight(points, columns) if {"temperature", "fuel"} & set(moved) else None
     means: dict[str, Column] = {}
     for key in moved:
-        column = points[wanted[key]]
+        column = points[columns[key]]
         values = column.values
         if key in ("temperature", "fuel"):
             if weight is None:
@@ -117,27 +116,27 @@ def with_point_fields(
         else:
             values = mean(values)
         label = f"{column.label} (mean over the corners of a cell)"
-        means[wanted[key]] = Column(label, values, unit=column.unit)
+        means[columns[key]] = Column(label, values, unit=column.unit)
     instead = " (weighted by p/T, as there is no density at points)"
-    weighted = set() if wanted.get("density", "") in points else {"temperature", "fuel"}
-    both = Fields((*cells, *means), lambda name: (means if name in means else cells)[name])
-    return both, tuple(wanted[key] + (instead if key in weighted else "") for key in moved)
+    weighted = set() if columns.get("density", "") in points else {"temperature", "fuel"}
+    combined = Fields((*cells, *means), lambda name: (means if name in means else cells)[name])
+    return combined, tuple(columns[key] + (instead if key in weighted else "") for key in moved)
 
 
-def _weight(points: Mapping[str, Column], wanted: Mapping[str, str]) -> Floats | None:
+def _weight(points: Mapping[str, Column], columns: Mapping[str, str]) -> Floats | None:
     """Density at the points, or p/T, which is proportional to it."""
 
     def at(key: str) -> Any:
-        column = points.get(wanted.get(key, ""))
+        column = points.get(columns.get(key, ""))
         if column is None or column.undefined is None:
             return None if column is None else column.values
         return np.where(column.undefined, 1.0, column.values)  # no corner of a cell: checked above
 
     density, pressure, temperature = at("density"), at("pressure"), at("temperature")
     if density is not None:
-        found = density
+        weight = density
     elif pressure is not None and temperature is not None:
-        found = pressure / temperature
+        weight = pressure / temperature
     else:
         return None
-    return np.asarray(found) if np.all(found > 0) else None
+    return np.asarray(weight) if np.all(weight > 0) else None

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 from cldit.cfd.mapping.file import without_unit
+from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
 from cldit.scene.spray import CfdSpray
 
 # Lower case, letters and digits alone, without the unit; the likeliest first.
@@ -50,19 +51,19 @@ def is_mark(name: str) -> bool:
     return bool(TIME.fullmatch(plain) or IDENTITY.fullmatch(plain))
 
 
-def guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:
-    """Selects the `names` that some program gives to a quantity, the likeliest first."""
+def guessed(aliases: Iterable[str], names: Iterable[str]) -> list[str]:
+    """Selects the `names` that are `aliases` of a quantity in some program, the likeliest first."""
     by_name: dict[str, list[str]] = {}
-    for each in names:
-        by_name.setdefault(normalised(each), []).append(each)
-    return [each for name in known for each in by_name.get(name, ())]
+    for column in names:
+        by_name.setdefault(normalised(column), []).append(column)
+    return [column for name in aliases for column in by_name.get(name, ())]
 
 
-def similar(name: str, known: Iterable[str]) -> list[str]:
-    """Returns up to three of the `known` names that resemble `name`."""
-    by_lower = {each.lower(): each for each in known}
+def similar(name: str, names: Iterable[str]) -> list[str]:
+    """Returns up to three of `names` that resemble `name`."""
+    by_lower = {candidate.lower(): candidate for candidate in names}
     close = get_close_matches(name.lower(), by_lower, n=3, cutoff=0.6)
-    return [by_lower[each] for each in close]
+    return [by_lower[match] for match in close]
 
 
 _BEFORE = re.compile(r"^(?:MASSFRAC_|[XY]_|[XY](?=[NI]?C\d+H|\())\(?|\)$")
@@ -76,7 +77,9 @@ _FUELS = {
     "NC8H18": "n-octane",
     "CH4": "methane",
 }
-_HEPTANE_KG_MOL, _SLACK = 0.100204, 0.01
+# Relative difference of molar masses below which fuels are the same: rounded masses of atoms
+# change them by some 0.2 %, neighbours in the series of alkanes by 14 % (C7 and C8) to 5 % (C20).
+SAME_MOLAR_MASS = 0.01
 
 
 def formula(field: str) -> str:
@@ -87,8 +90,8 @@ def formula(field: str) -> str:
 
 def other_fuels(available: Iterable[str], fuel_field: str) -> list[str]:
     """Lists hydrocarbons (from C2 on) among the `available` names, other than `fuel_field`."""
-    own, form = formula(fuel_field), re.compile(r"C\d+H\d+\w*|[NI]C\d+H\d+")
-    return sorted(n for n in available if form.fullmatch(formula(n)) and formula(n) != own)
+    fuel, form = formula(fuel_field), re.compile(r"C\d+H\d+\w*|[NI]C\d+H\d+")
+    return sorted(n for n in available if form.fullmatch(formula(n)) and formula(n) != fuel)
 
 
 def molar_mass_kg_mol(name: str) -> float | None:
@@ -105,8 +108,8 @@ def species_in(name: str) -> str | None:
     if (phase := _PHASE.search(name)) is not None:
         return formula(phase[1])
     words = [word.upper() for word in re.split(r"[^A-Za-z0-9]+", name)]
-    known = (w for w in words if w in _SUBSTANCES or molar_mass_kg_mol(w) is not None)
-    return next(known, None)
+    species = (w for w in words if w in _SUBSTANCES or molar_mass_kg_mol(w) is not None)
+    return next(species, None)
 
 
 def is_liquid(name: str) -> bool:
@@ -117,6 +120,6 @@ def is_liquid(name: str) -> bool:
 def fuel_of(spec: CfdSpray) -> str:
     """Name of the fuel by `fuel_field`, which n-heptane's molar mass replaces."""
     name = formula(spec.fuel_field)
-    heptane = abs(spec.fuel_molar_mass_kg_mol / _HEPTANE_KG_MOL - 1.0) < _SLACK
-    known = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
-    return _FUELS.get(name, "n-heptane" if heptane and not known else spec.fuel_field)
+    heptane = abs(spec.fuel_molar_mass_kg_mol / HEPTANE_MOLAR_MASS_kg_mol - 1.0) < SAME_MOLAR_MASS
+    formula_match = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
+    return _FUELS.get(name, "n-heptane" if heptane and not formula_match else spec.fuel_field)

@@ -35,28 +35,28 @@ def check_marks(columns: Mapping[str, Column]) -> None:
         plain = normalised(name)
         if column.values.ndim != 1 or not is_mark(name) or not len(column.values):
             continue
-        found, counts = np.unique(column.values, return_counts=True)
-        if TIME.fullmatch(plain) and len(found) > 1:
-            there = ", ".join(map(_shown, found[:10])) + (", ..." if len(found) > 10 else "")
+        marks, counts = np.unique(column.values, return_counts=True)
+        if TIME.fullmatch(plain) and len(marks) > 1:
+            shown = ", ".join(map(_shown, marks[:10])) + (", ..." if len(marks) > 10 else "")
             raise SprayError(
-                f"{column.label}: has {len(found)} values: {there}; allowed: one time; keep the "
+                f"{column.label}: has {len(marks)} values: {shown}; allowed: one time; keep the "
                 "rows of one of these"
             )
         if IDENTITY.fullmatch(plain) and counts.max() > 1:
             often = int(np.argmax(counts))
             raise SprayError(
-                f"{column.label}: {_shown(found[often])} occurs {counts[often]} times, so the rows "
+                f"{column.label}: {_shown(marks[often])} occurs {counts[often]} times, so the rows "
                 "are tracks, or files put together twice; allowed: each particle once, at one time"
             )
 
 
 def check_times(times_s: Mapping[Path, float]) -> None:
     """Refuses files of one state that state different times."""
-    (first, begin), *others = sorted(times_s.items(), key=lambda pair: pair[1]) or [(Path(), 0.0)]
-    for file, time in others:
+    (oldest, begin), *later = sorted(times_s.items(), key=lambda pair: pair[1]) or [(Path(), 0.0)]
+    for file, time in later:
         if abs(time - begin) > TIME_TOLERANCE * max(abs(time), abs(begin)):
             raise SprayError(
-                f"{first}: states the time {begin:.9g}, {file} the time {time:.9g}; allowed: gas "
+                f"{oldest}: states the time {begin:.9g}, {file} the time {time:.9g}; allowed: gas "
                 "and parcels of one time; keep the files of one time"
             )
 
@@ -85,7 +85,7 @@ def check_parcels(cloud: Cloud, accept: Sequence[str] = ()) -> tuple[str, ...]:
     """Refuses a cloud with parcels that occur repeatedly, or a row that sums up the others."""
 
     def tracks() -> str | None:
-        check_marks(cloud.others)
+        check_marks(cloud.extra)
         return _check_tracks(cloud)
 
     checks = {"copies": partial(_check_copies, cloud), "summary": partial(_check_summary, cloud)}
@@ -97,17 +97,17 @@ def _check_copies(cloud: Cloud) -> None:
 
     Parcels of age zero are ignored: several may leave one place.
     """
-    known = [cloud.position_m, *(cloud.fields[n] for n in ("d", "U", "age") if n in cloud.fields)]
-    rows = np.column_stack([np.asarray(each.values, np.float64) for each in known])
+    columns = [cloud.position_m, *(cloud.fields[n] for n in ("d", "U", "age") if n in cloud.fields)]
+    rows = np.column_stack([np.asarray(column.values, np.float64) for column in columns])
     rows = rows + 0.0  # a negative zero becomes zero
     at = np.arange(len(rows))
     if "age" in cloud.fields:
         at = np.flatnonzero(cloud.fields["age"].values > 0.0)
-    first, same = _equal_rows(rows[at])
+    original, same = _equal_rows(rows[at])
     if len(same):
         raise SprayError(
             f"{cloud.position_m.label}: {len(same)} of {len(rows)} parcels occur twice, such as "
-            f"parcels {at[first[0]]} and {at[same[0]]} at {triple(rows[at[same[0]], :3])} m; "
+            f"parcels {at[original[0]]} and {at[same[0]]} at {triple(rows[at[same[0]], :3])} m; "
             "allowed: each parcel once (export without the overlap of processors)"
         )
 
@@ -125,24 +125,24 @@ def _check_summary(cloud: Cloud) -> None:
     total = bool(np.isclose(2.0 * count[row], count.sum(), rtol=1e-5))
     if not total:
         row = int(np.argmax(mass))
-        second = float(np.partition(mass, -2)[-2])
+        second_mass = float(np.partition(mass, -2)[-2])
         size = cloud.fields["d"].values
         blob = 1.0 <= size[row] / np.delete(size, row).max() < _LARGER  # before its breakup
-        if blob or mass[row] < max(_MASS_SHARE * mass.sum(), _LARGER * second):
+        if blob or mass[row] < max(_MASS_SHARE * mass.sum(), _LARGER * second_mass):
             return
-    what = "as many droplets as all others together" if total else "far more liquid than any other"
+    fault = "as many droplets as all others together" if total else "far more liquid than any other"
     raise SprayError(
         f"{cloud.fields['nParticle'].label}: row {row} ({count[row]:g} droplets, "
-        f"{100 * mass[row] / mass.sum():.3g} % of the liquid) has {what}, so it seems to be a "
+        f"{100 * mass[row] / mass.sum():.3g} % of the liquid) has {fault}, so it seems to be a "
         "summary of the others; allowed: one parcel a row; remove the row"
     )
 
 
 _FEW, _MANY = 20, 50  # values of a column of identities; of another column whose values recur
-_MOST_ROWS = 100_000
+_MOST_ROWS = 100_000  # that are compared, all of some values; bounds the time of the check
 _TIMES_IN = 10  # times of which other columns than identities tell
 _MOST_PAIRS = 0.95  # of pairs of rows that must have a property of one parcel at two times
-_DIGITS = 1e-5  # relative to the leading digit
+_DIGITS = 1e-5  # relative to the leading digit: tables have six significant digits or more
 _SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injected together
 
 
@@ -152,29 +152,29 @@ def _check_tracks(cloud: Cloud) -> str | None:
     Recognised by a column of whole numbers that occur equally often, or by one whose values recur
     in rows that lie behind each other on one way and have the droplets of one parcel.
     """
-    for column, keys, whole in _keys(cloud):
+    for column, keys, is_int in _keys(cloud):
         values = column.values
         share = np.uint64(1 + len(values) // _MOST_ROWS)  # all rows of some values are enough
         rows = np.flatnonzero((keys.view(np.uint64) * _HASH[0] >> np.uint64(33)) % share == 0)
         _, group, counts = np.unique(keys[rows], return_inverse=True, return_counts=True)
-        many, often = len(counts), float(np.median(counts)) if len(counts) else 0.0
-        equal = whole and often == counts.min(initial=len(rows)) == counts.max(initial=0)
-        recurring = int(counts[counts > 1].sum()) > len(rows) // (10 if whole else 2)
-        few = many >= _MANY and 2 <= often <= _TIMES_IN
-        if many < _FEW or not recurring or not (whole or few):
+        groups, often = len(counts), float(np.median(counts)) if len(counts) else 0.0
+        equal = is_int and often == counts.min(initial=len(rows)) == counts.max(initial=0)
+        recurring = int(counts[counts > 1].sum()) > len(rows) // (10 if is_int else 2)
+        tracklike = groups >= _MANY and 2 <= often <= _TIMES_IN
+        if groups < _FEW or not recurring or not (is_int or tracklike):
             continue
-        some, alike = only(cloud, np.isin(np.arange(len(keys)), rows)), equal and often <= many
-        pair = _track_rows(some, group, whole=whole, equal=alike)
+        sample, alike = only(cloud, np.isin(np.arange(len(keys)), rows)), equal and often <= groups
+        pair = _track_rows(sample, group, is_int=is_int, equal=alike)
         if pair is not None:
             a, b = rows[list(pair)]
             places = cloud.position_m.values
             raise SprayError(
-                f"{column.label}: {many} values in {len(rows)} rows, and rows of one value seem "
+                f"{column.label}: {groups} values in {len(rows)} rows, and rows of one value seem "
                 f"to be one parcel at several times (tracks), such as rows {a} and {b}, of "
                 f"{values[a]:.9g}, at {triple(places[a])} and {triple(places[b])} m; allowed: each "
                 "parcel once; keep the rows of one time"
             )
-    if cloud.others or {"U", "age"} & set(cloud.fields):
+    if cloud.extra or {"U", "age"} & set(cloud.fields):
         return None
     return f"{cloud.position_m.label}: needs velocities, ages, or a number of each parcel"
 
@@ -185,61 +185,63 @@ def _keys(cloud: Cloud) -> Iterator[tuple[Column, Floats, bool]]:
     A number of droplets that comes from a mass has rounding errors.
     """
     fields = {name: cloud.fields[name] for name in ("nParticle", "d")}
-    for name, column in {**cloud.others, **fields}.items():
+    for name, column in {**cloud.extra, **fields}.items():
         if column.values.ndim != 1 or column.values.dtype.kind not in "fiu":
             continue
         values = np.asarray(column.values, np.float64)
         if np.isfinite(values).all():
-            whole = name not in fields and bool(np.all(values == np.rint(values)))
-            yield column, values, whole
-            if not whole:
+            is_int = name not in fields and bool(np.all(values == np.rint(values)))
+            yield column, values, is_int
+            if not is_int:
                 size = np.abs(np.where(values == 0.0, 1.0, values))
                 step = _DIGITS * 10.0 ** np.floor(np.log10(size))
-                yield column, np.rint(values / step) * step, whole
+                yield column, np.rint(values / step) * step, is_int
 
 
-def _track_rows(cloud: Cloud, group: Labels, *, whole: bool, equal: bool) -> tuple[int, int] | None:
+def _track_rows(
+    cloud: Cloud, group: Labels, *, is_int: bool, equal: bool
+) -> tuple[int, int] | None:
     """Two rows of one parcel, if the rows of each `group` (N,) are one at several times.
 
     Neighbouring rows of a group, by their age or their way, have different ages. In `equal` groups
     they have as many droplets, or the second has smaller ones, or all parcels have the same; in
     others the second is farther along their velocity and has the droplets of the first, and ages in
-    a group of values that are not `whole` differ as much as those of all parcels.
+    a group of values that are not integers (`is_int`) differ as much as those of all parcels.
     """
 
-    def known(name: str) -> AnyFloats | None:
+    def finite(name: str) -> AnyFloats | None:
         column = cloud.fields.get(name)
         return None if column is None or not np.isfinite(column.values).all() else column.values
 
-    place, velocity, age = cloud.position_m.values, known("U"), known("age")
+    place, velocity, age = cloud.position_m.values, finite("U"), finite("age")
     count, size = cloud.fields["nParticle"].values, cloud.fields["d"].values
     along = place[:, 0] if velocity is None else place @ velocity.mean(axis=0)
     order = along if age is None else age
     rows = np.lexsort((order, group))
     same = np.flatnonzero(group[rows][1:] == group[rows][:-1])
-    first, second = rows[same], rows[same + 1]
-    if age is not None and not _most(age[second] > age[first]):
+    earlier, later = rows[same], rows[same + 1]
+    if age is not None and not _mostly(age[later] > age[earlier]):
         return None
     varied = any(len(np.unique(values)) > len(values) // 20 for values in (count, size))
-    alike = np.isclose(count[first], count[second], rtol=_DIGITS, atol=0.0)
-    falls = size[second] <= 1.1 * size[first]
+    alike = np.isclose(count[earlier], count[later], rtol=_DIGITS, atol=0.0)
+    falls = size[later] <= 1.1 * size[earlier]
     if equal:
         ordered = age is not None or velocity is not None
-        tracks = not varied or _most(alike) or (ordered and _most(falls))
+        tracks = not varied or _mostly(alike) or (ordered and _mostly(falls))
     else:
         begin = np.flatnonzero(np.diff(group[rows], prepend=-1))
         span = np.maximum.reduceat(order[rows], begin) - np.minimum.reduceat(order[rows], begin)
         mixed = float(np.median(span)) * len(begin) > _SPREAD * float(np.ptp(order))
-        tracks = velocity is not None and varied and (whole or mixed) and _most(alike & falls)
+        tracks = velocity is not None and varied and (is_int or mixed) and _mostly(alike & falls)
         if tracks and velocity is not None:
-            step, way = place[second] - place[first], velocity[first] + velocity[second]
+            step, way = place[later] - place[earlier], velocity[earlier] + velocity[later]
             length = np.linalg.norm(step, axis=1) * np.linalg.norm(way, axis=1)
             straight = np.einsum("ij,ij->i", step, way) > 0.9 * length
             tracks = float(np.mean(straight)) > 0.5
-    return (int(first[0]), int(second[0])) if tracks else None
+    return (int(earlier[0]), int(later[0])) if tracks else None
 
 
-def _most(pairs: Mask) -> bool:
+def _mostly(pairs: Mask) -> bool:
     return float(np.mean(pairs)) > _MOST_PAIRS
 
 
@@ -254,10 +256,10 @@ def _equal_rows(rows: Floats) -> tuple[Labels, Labels]:
         key ^= key >> np.uint64(29)
     order = np.argsort(key, kind="stable")
     at = np.flatnonzero(key[order][1:] == key[order][:-1])
-    first, second = order[at], order[at + 1]
-    equal = np.flatnonzero(np.all(rows[first] == rows[second], axis=1))
-    equal = equal[np.argsort(second[equal])]
-    return first[equal], second[equal]
+    earlier, later = order[at], order[at + 1]
+    equal = np.flatnonzero(np.all(rows[earlier] == rows[later], axis=1))
+    equal = equal[np.argsort(later[equal])]
+    return earlier[equal], later[equal]
 
 
 def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: Floats) -> None:
@@ -268,23 +270,23 @@ def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: 
     # an irrational shift: centroids of regular grids do not lie between two places
     places = centre_m / step
     places += np.sqrt(0.5)
-    first, same = _equal_rows(np.floor(places, out=places))
+    original, same = _equal_rows(np.floor(places, out=places))
     if len(same):
-        one, other = int(first[0]), int(same[0])
-        what, way = f"{len(same)} cells with fuel lie where", "export without ghost cells, or mark"
-        way = f"{way} them by vtkGhostType"
+        cover, covered = int(original[0]), int(same[0])
+        fault = f"{len(same)} cells with fuel lie where"
+        way = "export without ghost cells, or mark them by vtkGhostType"
     else:
-        found = _covered(case, cells, centre_m, volume_m3)
-        if found is None:
+        overlap = _covered(case, cells, centre_m, volume_m3)
+        if overlap is None:
             return
-        other, one, many = found
-        what, way = f"{many} cells with fuel are covered by others, where", "export only the finest"
-        way = f"{way} cells of each place"
-    here, there = (_part_of(case.mesh, int(cells[each])) for each in (one, other))
-    where = f"those of {here}" if here != there else "others of the same file"
+        covered, cover, count = overlap
+        fault = f"{count} cells with fuel are covered by others, where"
+        way = "export only the finest cells of each place"
+    rival, file = (_part_of(case.mesh, int(cells[index])) for index in (cover, covered))
+    where = f"those of {rival}" if rival != file else "others of the same file"
     raise SprayError(
-        f"{there}: {what} {where} do, such as cells {cells[one]} and {cells[other]} of the case at "
-        f"{triple(centre_m[other])} m; allowed: each place in one cell ({way})"
+        f"{file}: {fault} {where} do, such as cells {cells[cover]} and {cells[covered]} of the "
+        f"case at {triple(centre_m[covered])} m; allowed: each place in one cell ({way})"
     )
 
 
@@ -302,11 +304,11 @@ def _covered(
     smaller ones in the box of its volume have its volume and centroid, as refined ones do.
     """
     count = len(cells)
-    some = np.arange(count)
+    rows = np.arange(count)
     if count > _MOST:
         largest = np.argpartition(volume_m3, -_MOST // 2)[-_MOST // 2 :]
-        some = np.union1d(largest, some[:: 2 * count // _MOST])
-    cell = case.mesh.measure(cells[some])
+        rows = np.union1d(largest, rows[:: 2 * count // _MOST])
+    cell = case.mesh.measure(cells[rows])
     edges = cell.upper_m - cell.lower_m
     filled = cell.volume_m3 / edges.prod(axis=1)
     exact = filled > 1.0 - _SLACK
@@ -314,57 +316,57 @@ def _covered(
         exact &= np.ptp(edges, axis=1) > _SLACK * edges.max(axis=1)
     middle = np.where(exact[:, None], (cell.lower_m + cell.upper_m) / 2, cell.centroid_m)
     half = edges * (np.cbrt(filled) * (1.0 - _NEAR) / 2)[:, None]
-    inside, moment, which = np.zeros(len(some)), np.zeros((len(some), 3)), np.full(len(some), -1)
-    for own, other in _contained(middle, half, centre_m):
-        smaller = volume_m3[other] <= np.where(exact[own], 1.01, 0.6) * cell.volume_m3[own]
-        kept = smaller & (some[own] != other)
-        own, other = own[kept], other[kept]
-        inside += np.bincount(own, volume_m3[other], len(some))
+    inside, moment, cover = np.zeros(len(rows)), np.zeros((len(rows), 3)), np.full(len(rows), -1)
+    for box, point in _contained(middle, half, centre_m):
+        smaller = volume_m3[point] <= np.where(exact[box], 1.01, 0.6) * cell.volume_m3[box]
+        kept = smaller & (rows[box] != point)
+        box, point = box[kept], point[kept]
+        inside += np.bincount(box, volume_m3[point], len(rows))
         for axis in range(3):
-            moment[:, axis] += np.bincount(own, volume_m3[other] * centre_m[other, axis], len(some))
-        which[own] = other
+            moment[:, axis] += np.bincount(box, volume_m3[point] * centre_m[point, axis], len(rows))
+        cover[box] = point
     with np.errstate(invalid="ignore", divide="ignore"):
         off = np.abs(moment / inside[:, None] - middle).max(axis=1) / (2.0 * half.max(axis=1))
     share = inside / cell.volume_m3
     bad = np.flatnonzero((exact & (share > 0.5)) | ((np.abs(share - 1.0) < 0.01) & (off < 0.02)))
-    if len(bad) < min(_FEWEST, len(some) // 10 + 1):
+    if len(bad) < min(_FEWEST, len(rows) // 10 + 1):
         return None
-    return int(some[bad[0]]), int(which[bad[0]]), len(bad)
+    return int(rows[bad[0]]), int(cover[bad[0]]), len(bad)
 
 
 def _contained(middle: Floats, half: Floats, points: Floats) -> Iterator[tuple[Labels, Labels]]:
     """Indices of boxes, middle +- half (N, 3), and of points (P, 3) in them, some at a time."""
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
     for begin in range(0, len(middle), 1_000):
-        some = slice(begin, begin + 1_000)
-        found = tree.query_ball_point(middle[some], half[some].max(axis=1), p=np.inf)
-        boxes = begin + np.repeat(np.arange(len(found)), [len(each) for each in found])
-        there = np.concatenate([*found, []]).astype(np.int64)
-        within = np.all(np.abs(points[there] - middle[boxes]) < half[boxes], axis=1)
-        yield boxes[within], there[within]
+        part = slice(begin, begin + 1_000)
+        hits = tree.query_ball_point(middle[part], half[part].max(axis=1), p=np.inf)
+        boxes = begin + np.repeat(np.arange(len(hits)), [len(hit) for hit in hits])
+        members = np.concatenate([*hits, []]).astype(np.int64)
+        within = np.all(np.abs(points[members] - middle[boxes]) < half[boxes], axis=1)
+        yield boxes[within], members[within]
 
 
 def hashes(places: Floats) -> NDArray[np.uint64]:
     """Hashes (N,) of whole numbers (..., 3)."""
-    whole = places.reshape(-1, 3).astype(np.int64).view(np.uint64) * _HASH
-    found = whole[:, 0] ^ (whole[:, 1] + whole[:, 2])
-    return np.asarray((found ^ found >> np.uint64(29)) * _HASH[0])
+    integers = places.reshape(-1, 3).astype(np.int64).view(np.uint64) * _HASH
+    mixed = integers[:, 0] ^ (integers[:, 1] + integers[:, 2])
+    return np.asarray((mixed ^ mixed >> np.uint64(29)) * _HASH[0])
 
 
 def check_volume(mesh: CellMesh, volume_m3: float) -> None:
     """Refuses cells that are larger together than the box around all of them."""
     low, high = mesh.extent_m
-    around = float(np.prod(high - low))
-    if not isinstance(mesh, BoxMesh) and volume_m3 > (1.0 + _SLACK) * around:
+    box_m3 = float(np.prod(high - low))
+    if not isinstance(mesh, BoxMesh) and volume_m3 > (1.0 + _SLACK) * box_m3:
         raise SprayError(
             f"{mesh.source}: the cells have {volume_m3:.4g} m3 together, the box around them "
-            f"{around:.4g} m3, so some overlap; allowed: each place in one cell (export without "
+            f"{box_m3:.4g} m3, so some overlap; allowed: each place in one cell (export without "
             "ghost cells and without coarse cells below finer ones)"
         )
 
 
 _LAYER = 1e-5  # of the width: centroids of one layer of cells lie in a plane
-_SAMPLE = 2_000
+_SAMPLE = 2_000  # cells: a mesh with 1 % of them off a layer passes once in 0.99^-2000 = 5e8 times
 
 
 def check_layers(mesh: CellMesh) -> None:

@@ -70,35 +70,35 @@ def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
 
 def _unknown(
     case: CfdCase,
-    why: str,
-    what: str = "nozzle and axis of the injection",
+    reason: str,
+    quantity: str = "nozzle and axis of the injection",
     keys: str = "spray.nozzle_m and spray.axis",
 ) -> SprayError:
-    return SprayError(f"{case.source}: {what} cannot be inferred ({why}); set {keys}")
+    return SprayError(f"{case.source}: {quantity} cannot be inferred ({reason}); set {keys}")
 
 
 def _finite(cloud: Cloud, names: Sequence[str], share: float, remarks: list[str]) -> Mask:
     """True for parcels with finite values; of a field, one or `share` of all may be undefined."""
-    known = np.ones(len(cloud.position_m.values), dtype=bool)
+    finite = np.ones(len(cloud.position_m.values), dtype=bool)
     for column in (cloud.position_m, *(cloud.fields[name] for name in names)):
-        good = np.isfinite(column.values).reshape(len(known), -1).all(axis=1)
-        known &= good
+        good = np.isfinite(column.values).reshape(len(finite), -1).all(axis=1)
+        finite &= good
         if good.all():
             continue
         bad = np.flatnonzero(~good)
         place = triple(cloud.position_m.values[bad[0]])
-        what = f"{column.label}: {len(bad)} of {len(known)} parcels have no finite value"
-        what = f"{what}, such as parcel {bad[0]} at {place} m"
-        if len(bad) > max(1.0, share * len(known)):
+        problem = f"{column.label}: {len(bad)} of {len(finite)} parcels have no finite value"
+        problem = f"{problem}, such as parcel {bad[0]} at {place} m"
+        if len(bad) > max(1.0, share * len(finite)):
             limit = f"one, or {100 * share:g} % (spray.parcels_left_out)"
-            raise SprayError(f"{what}; allowed: {limit}; or set spray.nozzle_m and spray.axis")
-        remarks.append(f"{what}: ignored for nozzle and axis.")
-    return known
+            raise SprayError(f"{problem}; allowed: {limit}; or set spray.nozzle_m and spray.axis")
+        remarks.append(f"{problem}: ignored for nozzle and axis.")
+    return finite
 
 
 def _axis(case: CfdCase, share: float, remarks: list[str]) -> Floats:
     if case.injectors:
-        units = [each.direction / np.linalg.norm(each.direction) for each in case.injectors]
+        units = [hole.direction / np.linalg.norm(hole.direction) for hole in case.injectors]
         mean = np.mean(units, axis=0)
         if np.linalg.norm(mean) < 0.1:
             raise _unknown(case, f"the injectors of {case.injectors[0].source} oppose each other")
@@ -110,16 +110,16 @@ def _axis(case: CfdCase, share: float, remarks: list[str]) -> Floats:
     velocity = cloud.fields.get("U")
     if velocity is None or velocity.values.ndim != 2:
         raise _unknown(case, f"cloud {cloud.name!r} has no velocity U")
-    known = _finite(cloud, ("U", "nParticle", "rho", "d"), share, remarks)
-    momentum = cloud.masses[known, None] * velocity.values[known]
+    finite = _finite(cloud, ("U", "nParticle", "rho", "d"), share, remarks)
+    momentum = cloud.masses[finite, None] * velocity.values[finite]
     mean = momentum.sum(axis=0)
     if not np.linalg.norm(mean) > 0.2 * np.linalg.norm(momentum, axis=1).sum():
         raise _unknown(case, f"the parcels of {velocity.label} have no common direction")
     across = momentum - np.outer(momentum @ mean, mean) / (mean @ mean)
     error_deg = 2 * np.degrees(np.sqrt(np.sum(across**2)) / np.linalg.norm(mean))
     if error_deg > _SNAP_DEG:
-        why = f"{velocity.label} gives it within {error_deg:.2g} degrees only"
-        raise _unknown(case, why, "the axis of the injection", "spray.axis")
+        reason = f"{velocity.label} gives it within {error_deg:.2g} degrees only"
+        raise _unknown(case, reason, "the axis of the injection", "spray.axis")
     axis = _snapped(mean, _SNAP_DEG)
     remarks.append(f"Injection axis {triple(axis)}, from the mean velocity in {velocity.label}.")
     return axis
@@ -127,7 +127,7 @@ def _axis(case: CfdCase, share: float, remarks: list[str]) -> Floats:
 
 def _nozzle(case: CfdCase, axis: Floats, share: float, remarks: list[str]) -> tuple[Floats, float]:
     if case.injectors:
-        positions = np.array([each.position_m for each in case.injectors])
+        positions = np.array([injector.position_m for injector in case.injectors])
         nozzle = positions.mean(axis=0)
         if np.linalg.norm(positions - nozzle, axis=1).max() > _ONE_NOZZLE_M:
             raise _unknown(case, f"{case.injectors[0].source} has injectors in several places")
@@ -138,9 +138,9 @@ def _nozzle(case: CfdCase, axis: Floats, share: float, remarks: list[str]) -> tu
     if "U" not in cloud.fields or "age" not in cloud.fields:
         missing = "U" if "U" not in cloud.fields else "age"
         raise _unknown(case, f"cloud {cloud.name!r} has no {missing} to trace parcels back with")
-    known = _finite(cloud, ("U", "age"), share, remarks)
+    finite = _finite(cloud, ("U", "age"), share, remarks)
     columns = (cloud.position_m, cloud.fields["U"], cloud.fields["age"])
-    place, velocity, age = (np.asarray(each.values[known], np.float64) for each in columns)
+    place, velocity, age = (np.asarray(column.values[finite], np.float64) for column in columns)
     nozzle, error_m = extrapolated(place, velocity, age, axis)
     length_m = float(np.ptp(place @ axis))
     limit_m = _SHARE * length_m
@@ -202,17 +202,17 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
     low, high = case.mesh.extent_m
     size = float(np.linalg.norm(high - low))
 
-    def away(place: Floats) -> float:
+    def gap_m(place: Floats) -> float:
         return float(np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0)))
 
-    if away(nozzle) <= size:
+    if gap_m(nozzle) <= size:
         return
-    others = [(nozzle * factor, unit) for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))]
-    meant = [f"{triple(at)} m if {unit} were meant" for at, unit in others if away(at) <= size]
+    scaled = [(nozzle * factor, unit) for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))]
+    meant = [f"{triple(at)} m if {unit} were meant" for at, unit in scaled if gap_m(at) <= size]
     hint = f": {', '.join(meant)}" if meant else ""
     raise SprayError(
-        f"spray.nozzle_m: {triple(nozzle)} m is {away(nozzle):.3g} m away from the case, which is "
-        f"{triple(low)} to {triple(high)} m; coordinates are metres{hint}"
+        f"spray.nozzle_m: {triple(nozzle)} m is {gap_m(nozzle):.3g} m away from the case, which "
+        f"is {triple(low)} to {triple(high)} m; coordinates are metres{hint}"
     )
 
 
@@ -256,9 +256,9 @@ def with_one_frame(
     frames: list[Frame] = []
     problems: list[SprayError] = []
     for at in dict.fromkeys(round(place * (len(times) - 1)) for place in _TRIED):
-        here = spec.model_copy(update={"time_s": times[at]})
+        dated = spec.model_copy(update={"time_s": times[at]})
         try:
-            frames.append(find_frame(here, read_case(here, watch)))
+            frames.append(find_frame(dated, read_case(dated, watch)))
         except SprayError as error:
             problems.append(error)
         if frames and frames[-1].error_m <= _EXACT_m:
@@ -266,5 +266,5 @@ def with_one_frame(
     if not frames:
         raise problems[0]
     best = min(frames, key=lambda frame: frame.error_m)
-    nozzle_m, axis = (tuple(map(float, each)) for each in (best.nozzle_m, best.axis))
+    nozzle_m, axis = (tuple(map(float, vector)) for vector in (best.nozzle_m, best.axis))
     return spec.model_copy(update={"nozzle_m": nozzle_m, "axis": axis}), best.remarks

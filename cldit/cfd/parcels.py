@@ -38,53 +38,53 @@ def check_parcels(
     """
     count = len(cloud.position_m.values)
     wrong: list[tuple[Mask, str]] = []
-    for name, (least, most, hint) in _LIMITS.items():
+    for name, (minimum, maximum, hint) in _LIMITS.items():
         if name == "T":
-            least = coldest_K
+            minimum = coldest_K
         column = cloud.fields[name]
-        if (outside := column.outside(least, most)) is not None:
+        if (outside := column.outside(minimum, maximum)) is not None:
             bad = int(np.argmax(outside))
-            value = f"{column.values[bad]:g} (entry {bad}) is outside {least:g}..{most:g}"
+            value = f"{column.values[bad]:g} (entry {bad}) is outside {minimum:g}..{maximum:g}"
             wrong.append((outside, f"{column.label}: {value}; {hint}"))
     position = cloud.position_m
     slack = 1e-5 * float((upper_m - lower_m).max())  # float32 in either file
     low, high = position.values >= lower_m - slack, position.values <= upper_m + slack
-    away = ~np.all(low & high, axis=1)
-    if away.any():
-        bad = int(np.argmax(away))
+    beyond = ~np.all(low & high, axis=1)
+    if beyond.any():
+        bad = int(np.argmax(beyond))
         box = f"{triple(lower_m)} to {triple(upper_m)} m"
         place = f"parcel {bad} at {triple(position.values[bad])} m"
-        wrong.append((away, f"{position.label}: {place} is outside the mesh, {box}"))
+        wrong.append((beyond, f"{position.label}: {place} is outside the mesh, {box}"))
     kept = np.ones(count, dtype=bool)
     for mask, _ in wrong:
         kept &= ~mask
     dummy = (cloud.fields["d"].values == 0.0) | (cloud.fields["nParticle"].values == 0.0)
     lost = int(np.sum(~kept & ~dummy if 2 * dummy.sum() <= count else ~kept))
-    if lost > share * count or _mass_share(cloud, away, wrong) > share:
-        what = f"{lost} of {count} parcels are impossible or outside"
+    if lost > share * count or _mass_share(cloud, beyond, wrong) > share:
+        problem = f"{lost} of {count} parcels are impossible or outside"
         limit = f"up to {100 * share:g} % may be omitted: spray.parcels_left_out"
-        raise SprayError(f"{wrong[0][1]} ({what}; {limit})")
+        raise SprayError(f"{wrong[0][1]} ({problem}; {limit})")
     remarks = tuple(f"Omitted {int(mask.sum())} of {count} parcels: {why}." for mask, why in wrong)
-    every = (position, *(cloud.fields[name] for name in _LIMITS))
-    where, *others = (np.asarray(each.values[kept], np.float64) for each in every)
-    size, droplets, temperature, density = others
-    found = cloud.fields.get("U")
-    # A parcel without a finite velocity has none to be known.
-    known = found is not None and bool(np.isfinite(found.values[kept]).all())
-    velocity = np.asarray(found.values[kept], np.float64) if found is not None and known else None
+    columns = (position, *(cloud.fields[name] for name in _LIMITS))
+    where, *quantities = (np.asarray(stored.values[kept], np.float64) for stored in columns)
+    size, droplets, temperature, density = quantities
+    vector = cloud.fields.get("U")
+    velocity = None  # unless all parcels have one
+    if vector is not None and np.isfinite(vector.values[kept]).all():
+        velocity = np.asarray(vector.values[kept], np.float64)
     parcels = Parcels(where, size, droplets, temperature, density, velocity_m_s=velocity)
     return CheckedParcels(parcels, kept, remarks)
 
 
-def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> float:
+def _mass_share(cloud: Cloud, beyond: Mask, wrong: list[tuple[Mask, str]]) -> float:
     """Share of the liquid in parcels with possible values, but outside the mesh."""
-    possible = np.ones(len(away), dtype=bool)
+    possible = np.ones(len(beyond), dtype=bool)
     for mask, _ in wrong:
-        possible &= ~mask | (mask is away)
-    if not (away & possible).any():
+        possible &= ~mask | (mask is beyond)
+    if not (beyond & possible).any():
         return 0.0
     mass = np.where(possible, cloud.masses, 0.0)
-    return float(mass[away].sum() / mass.sum()) if mass.sum() > 0 else 0.0
+    return float(mass[beyond].sum() / mass.sum()) if mass.sum() > 0 else 0.0
 
 
 def farthest_m(cloud: Cloud, share: float) -> float | None:
@@ -99,23 +99,23 @@ def farthest_m(cloud: Cloud, share: float) -> float | None:
     distance, mass = distance[order], cloud.masses[order]
     beyond = np.cumsum(mass[::-1])[::-1]  # with the parcel itself
     rest = (1.0 - share) * beyond[0]
-    here = int(np.flatnonzero(beyond > rest)[-1]) if beyond[0] > 0 else len(distance) - 1
-    if here == len(distance) - 1:
+    at = int(np.flatnonzero(beyond > rest)[-1]) if beyond[0] > 0 else len(distance) - 1
+    if at == len(distance) - 1:
         return float(distance[-1])
-    step = (beyond[here] - rest) / mass[here]
-    return float(distance[here] + step * (distance[here + 1] - distance[here]))
+    step = (beyond[at] - rest) / mass[at]
+    return float(distance[at] + step * (distance[at + 1] - distance[at]))
 
 
 def only(cloud: Cloud, kept: Mask) -> Cloud:
     """Restricts `cloud` to the parcels that are `kept` (N,)."""
     if kept.all():
         return cloud
-    fields, others = (
-        {name: Column(each.label, each.values[kept]) for name, each in columns.items()}
-        for columns in (cloud.fields, cloud.others)
+    fields, extra = (
+        {name: Column(column.label, column.values[kept]) for name, column in columns.items()}
+        for columns in (cloud.fields, cloud.extra)
     )
     place = Column(cloud.position_m.label, cloud.position_m.values[kept])
-    return Cloud(cloud.name, place, fields, others)
+    return Cloud(cloud.name, place, fields, extra)
 
 
 def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
@@ -132,16 +132,16 @@ def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int)
     middle = np.zeros((count, points % 2, 3))
     shift = np.concatenate([way, -way, middle], axis=1)
     places = (parcels.position_m[:, None] + shift).reshape(-1, 3)
-    many = copied(replace(parcels, droplets=parcels.droplets / points), places, np.repeat)
+    copies = copied(replace(parcels, droplets=parcels.droplets / points), places, np.repeat)
     if parcels.velocity_m_s is None:
-        return many
-    return replace(many, velocity_m_s=np.repeat(parcels.velocity_m_s, points, axis=0))
+        return copies
+    return replace(copies, velocity_m_s=np.repeat(parcels.velocity_m_s, points, axis=0))
 
 
 def copied(parcels: Parcels, position_m: Floats, copy: Callable[[Floats, int], Floats]) -> Parcels:
     """Copies of parcels at other places (N, 3), by np.repeat (in a row) or np.tile (in turn);
     without velocities, which copies may have turned."""
-    many = len(position_m) // max(len(parcels.diameter_m), 1)
-    size, droplets = copy(parcels.diameter_m, many), copy(parcels.droplets, many)
-    temperature, density = copy(parcels.temperature_K, many), copy(parcels.density_kg_m3, many)
+    times = len(position_m) // max(len(parcels.diameter_m), 1)
+    size, droplets = copy(parcels.diameter_m, times), copy(parcels.droplets, times)
+    temperature, density = copy(parcels.temperature_K, times), copy(parcels.density_kg_m3, times)
     return Parcels(position_m, size, droplets, temperature, density)

@@ -8,12 +8,12 @@ from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.names import formula, fuel_of, is_liquid, molar_mass_kg_mol, species_in
+from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.scene.values import ZERO_CELSIUS_K
 
 _MOST_KG = {"liquid": 0.01, "vapour": 0.1}  # an injection has milligrams, a large engine's grams
-_LONGEST_m = 1.0
+_LONGEST_m = 1.0  # of a penetration: chambers and engines are shorter
 _FITS = 0.05  # relative deviation of a density from an ideal gas
 _OFF = 0.15  # beyond it, another unit of temperature or pressure is tried
 _FREEZING_K = {
@@ -43,7 +43,7 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
     """Refuses parcels of several liquids, or of another one than the fuel."""
     parts: dict[str, Column] = {}
     liquid = False
-    for name, column in cloud.others.items():
+    for name, column in cloud.extra.items():
         species, values = species_in(name), np.asarray(column.values, np.float64)
         if species is not None and values.min() >= -1e-3 and _LEAST < values.max() <= 1.0 + 1e-3:
             parts[species] = column
@@ -52,10 +52,10 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
     if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < _LEAST)):
         return  # of the gas around the parcels, or something else
     fuel = formula(fuel_field)
-    others = {name: part for name, part in parts.items() if fuel not in name and name not in fuel}
-    formulas = molar_mass_kg_mol(fuel) is not None and all(map(molar_mass_kg_mol, others))
-    if others and (len(parts) > 1 or formulas):
-        label = next(iter(others.values())).label
+    foreign = {name: part for name, part in parts.items() if fuel not in name and name not in fuel}
+    formulas = molar_mass_kg_mol(fuel) is not None and all(map(molar_mass_kg_mol, foreign))
+    if foreign and (len(parts) > 1 or formulas):
+        label = next(iter(foreign.values())).label
         shown = ", ".join(f"{name} (up to {part.values.max():.3g})" for name, part in parts.items())
         raise SprayError(
             f"{label}: parcels of {shown}; allowed: parcels of {fuel_field} alone "
@@ -66,10 +66,10 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
 def check_totals(case: CfdCase, notes: Mapping[str, float]) -> None:
     """Refuses masses, numbers and lengths that no fuel spray has; `notes` as of the spray."""
     hint = "one of the fields is in another unit, such as cm; a mapping file gives the unit"
-    for phase, most in _MOST_KG.items():
-        if (mass := notes.get(f"{phase}_mass_kg", 0.0)) > most:
+    for phase, limit_kg in _MOST_KG.items():
+        if (mass := notes.get(f"{phase}_mass_kg", 0.0)) > limit_kg:
             raise SprayError(
-                f"{case.source}: {mass:.3g} kg of {phase}; allowed: up to {most:g} kg ({hint})"
+                f"{case.source}: {mass:.3g} kg of {phase}; allowed: up to {limit_kg:g} kg ({hint})"
             )
     if notes.get("droplets", np.inf) < notes.get("parcels", 0.0):
         label = "nParticle" if case.cloud is None else case.cloud.fields["nParticle"].label
@@ -82,10 +82,10 @@ def check_totals(case: CfdCase, notes: Mapping[str, float]) -> None:
     longest = min(_LONGEST_m, float(np.linalg.norm(high - low)))
     for name in ("liquid_penetration_99_m", "vapour_penetration_m"):
         if (length := notes.get(name, 0.0)) > longest:
-            what = name.removesuffix("_m").replace("_", " ")
+            quantity = name.removesuffix("_m").replace("_", " ")
             raise SprayError(
-                f"{case.source}: {what} is {length:.3g} m; allowed: up to {longest:.3g} m, 1 m and "
-                f"the mesh's diagonal ({hint}; or the nozzle is wrong, spray.nozzle_m)"
+                f"{case.source}: {quantity} is {length:.3g} m; allowed: up to {longest:.3g} m, 1 m "
+                f"and the mesh's diagonal ({hint}; or the nozzle is wrong, spray.nozzle_m)"
             )
 
 
@@ -96,12 +96,12 @@ def gas_remarks(
 
     `density` and `ideal` (N,), that of an ideal gas at temperature_K and pressure (N,).
     """
-    known = density > 0
-    if not known.any():
+    positive = density > 0
+    if not positive.any():
         return ()
-    kelvin = np.log(density[known] / ideal[known])
-    shifted = kelvin + np.log1p(ZERO_CELSIUS_K / temperature_K[known])
-    off, fit = (float(np.expm1(np.median(each))) for each in (kelvin, shifted))
+    kelvin = np.log(density[positive] / ideal[positive])
+    shifted = kelvin + np.log1p(ZERO_CELSIUS_K / temperature_K[positive])
+    off, fit = (float(np.expm1(np.median(logs))) for logs in (kelvin, shifted))
     if abs(off) < _OFF:
         return ()
     scatter = float(np.median(np.abs(shifted)))  # cell by cell, not on the mean alone
@@ -113,7 +113,7 @@ def gas_remarks(
             "temperature: {column: T, unit: degC}"
         )
     span = f"{pressure.min():.4g} to {pressure.max():.4g} Pa"
-    gauge = float(np.median(np.abs(kelvin - np.log1p(101325.0 / pressure[known]))))
+    gauge = float(np.median(np.abs(kelvin - np.log1p(STANDARD_ATMOSPHERE_Pa / pressure[positive]))))
     hint = ": p seems to be a gauge pressure" if gauge < _FITS else ""
     return (
         f"The density is {1 + off:.3g} times that of an ideal gas of air and fuel at T and p "

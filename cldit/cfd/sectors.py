@@ -50,25 +50,25 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     return (_ITSELF,), ()
 
 
-def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> Parcels:
+def completed_parcels(parcels: Parcels, frame: Frame, poses: Sequence[Copy]) -> Parcels:
     """Parcels of all copies in the project's frame; each copy has the masses of the case."""
     places, velocities = [], []
-    for copy in every:
+    for copy in poses:
         origin, rotation = copy.into(frame)
         places.append((parcels.position_m - origin) @ rotation.T)
         if parcels.velocity_m_s is not None:
             velocities.append(parcels.velocity_m_s @ rotation.T)
-    whole = copied(parcels, np.concatenate(places), np.tile)
+    completed = copied(parcels, np.concatenate(places), np.tile)
     velocity = np.concatenate(velocities) if velocities else None
-    return replace(whole, velocity_m_s=velocity)
+    return replace(completed, velocity_m_s=velocity)
 
 
 def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
     centre = frame.nozzle_m if sector.centre_m is None else np.array(sector.centre_m)
     axis = frame.axis if sector.axis is None else np.array(sector.axis)
     axis = axis / np.linalg.norm(axis)
-    many = round(360.0 / sector.angle_deg)
-    if many == 1:
+    count = round(360.0 / sector.angle_deg)
+    if count == 1:
         return (_ITSELF,), ()
     span, _ = azimuth_span(case.mesh, centre, axis)
     if abs(span - sector.angle_deg) > _ANGLE_DEG:
@@ -78,12 +78,12 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
             "centre_m and axis if they are not the nozzle and the injection's"
         )
     cross = cross_matrix(axis)
-    every = []
-    for angle in (2 * np.pi * n / many for n in range(many)):  # Rodrigues
+    poses = []
+    for angle in (2 * np.pi * n / count for n in range(count)):  # Rodrigues
         turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-        every.append(Copy(turn, centre - turn.T @ centre))
-    what = f"A sector of {sector.angle_deg:g} degrees, completed by {many} rotations"
-    return tuple(every), (f"{what}: masses times {many}.",)
+        poses.append(Copy(turn, centre - turn.T @ centre))
+    summary = f"A sector of {sector.angle_deg:g} degrees, completed by {count} rotations"
+    return tuple(poses), (f"{summary}: masses times {count}.",)
 
 
 def _mirrored(
@@ -101,13 +101,13 @@ def _mirrored(
             raise SprayError(
                 f"{case.mesh.source}: is on both sides of {plane}; allowed: planes that bound it"
             )
-    every = []
+    poses = []
     for signs in product((1.0, -1.0), repeat=len(axes)):
         turn = np.eye(3)
         turn[axes, axes] = signs
-        every.append(Copy(turn, frame.nozzle_m - turn.T @ frame.nozzle_m))
-    said = f"Mirrored in {' and '.join(names)} at the nozzle: masses times {len(every)}."
-    return tuple(every), (said,)
+        poses.append(Copy(turn, frame.nozzle_m - turn.T @ frame.nozzle_m))
+    remark = f"Mirrored in {' and '.join(names)} at the nozzle: masses times {len(poses)}."
+    return tuple(poses), (remark,)
 
 
 def _refuse_part(case: CfdCase, frame: Frame) -> None:
@@ -123,10 +123,10 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
         angle, axis = _between(pair)
         if not pair or (kind != "wedge" and not angle):
             continue  # parallel cyclic sides bound an endless box, not a sector
-        what = f"of {angle:.4g} degrees about {triple(axis)}" if angle else "of a turn"
+        extent = f"of {angle:.4g} degrees about {triple(axis)}" if angle else "of a turn"
         raise SprayError(
             f"{case.source}: the patches {', '.join(repr(b.name) for b in pair)} are {kind}: the "
-            f"mesh is a sector {what}, not the whole spray; {_way(angle)}"
+            f"mesh is a sector {extent}, not the whole spray; {_way(angle)}"
         )
     low, high = case.mesh.extent_m
     width = float((high - low).max())
@@ -153,7 +153,7 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
 
 def _between(pair: Sequence[Boundary]) -> tuple[float, Floats]:
     """Angle in degrees of the mesh between two plane patches, and the axis; 0 if parallel."""
-    planes = [each.normal for each in pair if each.normal.any()]
+    planes = [patch.normal for patch in pair if patch.normal.any()]
     if len(planes) < 2:
         return 0.0, np.zeros(3)
     cross = np.cross(planes[0], planes[1])
@@ -177,7 +177,7 @@ def _plane_way(normal: Floats) -> str:
 
 
 _SPARSE = 61  # a prime: no common factor with the points of a row or a cell
-_BINS = 36_000  # of azimuth; gaps narrower than one are no gaps
+_BINS = 36_000  # of azimuth, 0.01 degrees each; gaps narrower than one are no gaps
 _PLANE = 1e-4  # radians by which points of a plane through the axis may miss it
 
 
@@ -190,23 +190,23 @@ def azimuth_span(
     points; it is a lower bound, without a search for planes, once it exceeds enough_deg. Planes
     bound the gap if both of its sides have points at several distances from the axis.
     """
-    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = first - (first @ axis) * axis
-    first /= np.linalg.norm(first)
-    across = np.stack([first, np.cross(axis, first)], axis=1)
+    radial = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    radial = radial - (radial @ axis) * axis
+    radial /= np.linalg.norm(radial)
+    across = np.stack([radial, np.cross(axis, radial)], axis=1)
     box = np.array(list(product(*zip(*mesh.extent_m, strict=True))))
     nearest_m = _NEAR_AXIS * float(np.linalg.norm((box - centre_m) @ across, axis=1).max())
 
-    def far(stride: int = 1) -> Iterator[tuple[Floats, Floats]]:
-        for some in mesh.points():
-            x, y = ((some[::stride] - centre_m) @ across).T
+    def polar(stride: int = 1) -> Iterator[tuple[Floats, Floats]]:
+        for points in mesh.points():
+            x, y = ((points[::stride] - centre_m) @ across).T
             radius = np.hypot(x, y)
             kept = radius > nearest_m
             yield np.arctan2(y[kept], x[kept]), radius[kept]
 
     low, high = np.full(_BINS, np.inf), np.full(_BINS, -np.inf)
     span, ends = 360.0, (0.0, 0.0)
-    for angle, _ in chain(far(_SPARSE), far()):  # a whole mesh is recognised by few points
+    for angle, _ in chain(polar(_SPARSE), polar()):  # a whole mesh is recognised by few points
         place = np.minimum((angle + np.pi) * (_BINS / (2 * np.pi)), _BINS - 1).astype(np.int64)
         np.minimum.at(low, place, angle)
         np.maximum.at(high, place, angle)
@@ -221,7 +221,7 @@ def azimuth_span(
         if span > enough_deg:
             return span, False
     nearest, widest_m = np.full(2, np.inf), np.zeros(2)
-    for angle, radius in far():
+    for angle, radius in polar():
         for side, edge in enumerate(ends):
             on = radius[np.abs((angle - edge + np.pi) % (2 * np.pi) - np.pi) < _PLANE]
             nearest[side] = min(nearest[side], on.min(initial=np.inf))

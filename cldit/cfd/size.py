@@ -8,7 +8,7 @@ from cldit.io.free_memory import free_bytes
 
 # Measured with `python -m tests.bench imports`: bytes in addition to the reader's.
 _CELL = 160  # fuel, temperature, and a box where there is vapour, twice while they are put together
-_PARCEL = 180
+_PARCEL = 180  # ten doubles, twice while they are put together, and masks
 _ANYWAY = 200e6  # for some cells at a time, whatever the case
 
 

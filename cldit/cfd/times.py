@@ -8,26 +8,26 @@ CaseTime = float | str  # a number, `latest`, or `nearest` and a number (cldit.s
 TIME_TOLERANCE = 1e-6  # relative; OpenFOAM writes times with six digits, foamToVTK as float32
 
 
-def wanted_time(wanted: CaseTime | None) -> tuple[float | None, bool]:
-    """Splits a wanted time into its number (None: the latest) and whether the nearest will do."""
-    if wanted is None or wanted == "latest":
+def wanted_time(requested: CaseTime | None) -> tuple[float | None, bool]:
+    """Splits a requested time: its number (None: the latest), and True if the nearest is enough."""
+    if requested is None or requested == "latest":
         return None, False
-    if isinstance(wanted, str):
-        return float(wanted.removeprefix("nearest")), True
-    return wanted, False
+    if isinstance(requested, str):
+        return float(requested.removeprefix("nearest")), True
+    return requested, False
 
 
-def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) -> float:
+def choose_time(source: str, times: Iterable[float], requested: CaseTime | None) -> float:
     """Returns the time asked for, else the latest; a number must match within `TIME_TOLERANCE`."""
-    known = sorted(set(times))
-    if not known:
+    steps = sorted(set(times))
+    if not steps:
         raise SprayError(f"{source}: no time with results")
-    number, nearest = wanted_time(wanted)
+    number, nearest = wanted_time(requested)
     if number is None:
-        return known[-1]
-    best = min(known, key=lambda time: abs(time - number))
+        return steps[-1]
+    best = min(steps, key=lambda time: abs(time - number))
     if not nearest and abs(best - number) > max(TIME_TOLERANCE * abs(number), 1e-15):
-        shown = ", ".join(f"{time:.7g}" for time in known[:20]) + (", ..." if known[20:] else "")
+        shown = ", ".join(f"{time:.7g}" for time in steps[:20]) + (", ..." if steps[20:] else "")
         raise SprayError(
             f"{source}: no time {number:g} s (spray.time_s); available: {shown}; the nearest is "
             f"{abs(best - number):.3g} away: `nearest {number:g}` takes it"
@@ -36,41 +36,41 @@ def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) ->
 
 
 def choose_times(
-    source: str, times: Iterable[float], wanted: str | Sequence[CaseTime]
+    source: str, times: Iterable[float], requested: str | Sequence[CaseTime]
 ) -> tuple[float, ...]:
     """Chooses several times, ascending, each once.
 
-    `wanted` is `all`; a slice of Python's over the sorted times (`::5`, `10:`, `-3:`); or single
+    `requested` is `all`; a slice of Python's over the sorted times (`::5`, `10:`, `-3:`); or single
     times, each as `choose_time` takes it.
     """
-    known = sorted(set(times))
-    if isinstance(wanted, str):
-        some = slice(None) if wanted == "all" else _slice(source, wanted)
-        chosen = known[some]
+    steps = sorted(set(times))
+    if isinstance(requested, str):
+        selection = slice(None) if requested == "all" else _slice(source, requested)
+        chosen = steps[selection]
     else:
-        chosen = sorted({choose_time(source, known, each) for each in wanted})
+        chosen = sorted({choose_time(source, steps, time) for time in requested})
     if not chosen:
-        raise SprayError(f"{source}: {wanted}: selects none of its {len(known)} times")
+        raise SprayError(f"{source}: {requested}: selects none of its {len(steps)} times")
     return tuple(chosen)
 
 
-def _slice(source: str, text: str) -> slice:
-    parts = text.split(":")
+def _slice(source: str, selection: str) -> slice:
+    parts = selection.split(":")
     try:
         numbers = [int(part) if part.strip() else None for part in parts]
         if len(parts) not in (2, 3) or numbers[2:] == [0]:
             raise ValueError
     except ValueError as error:
         raise SprayError(
-            f"{source}: times {text!r}; allowed: `all`, a list of times, or a slice such as "
+            f"{source}: times {selection!r}; allowed: `all`, a list of times, or a slice such as "
             "`::5` (every fifth), `10:` or `-3:`"
         ) from error
     return slice(*numbers)
 
 
-def time_remarks(taken: float | None, wanted: CaseTime | None) -> tuple[str, ...]:
+def time_remarks(taken: float | None, requested: CaseTime | None) -> tuple[str, ...]:
     """Remark on how far the nearest time, `taken`, is from the one asked for."""
-    number, nearest = wanted_time(wanted)
+    number, nearest = wanted_time(requested)
     if not nearest or number is None or taken is None or taken == number:
         return ()
     return (f"Time {taken:.9g} is the nearest to {number:.9g}: {abs(taken - number):.3g} away.",)

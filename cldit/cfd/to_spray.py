@@ -13,7 +13,7 @@ from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
-from cldit.cfd.names import fuel_of, other_fuels
+from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.plausible import (
@@ -25,6 +25,7 @@ from cldit.cfd.plausible import (
 )
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
+from cldit.constants import AVOGADRO_PER_MOL, GAS_CONSTANT_J_mol_K
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
 from cldit.io.origin import files_read
 from cldit.io.progress import Watch, silent
@@ -33,8 +34,6 @@ from cldit.spray.penetration import liquid_figures
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 from cldit.spray.spray_file import read_spray
 
-AVOGADRO_MOL = 6.02214076e23
-GAS_CONSTANT_J_MOL_K = 8.31446261815324
 AIR_KG_MOL = 0.02885  # dry air, for a case without rho, which does not state its gas
 
 _OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; clipped
@@ -42,7 +41,6 @@ _NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
 _LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
 _PRESSURE_Pa = (1e4, 5e7)  # of engines and chambers; a gauge pressure is often below
-_MOLAR = 0.01  # relative difference of molar masses: another fuel
 _SECOND = 0.01  # of the fuel's largest mass fraction: a second fuel
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
 
@@ -95,15 +93,15 @@ def _stored(spec: CfdSpray) -> Spray:
     spray = read_spray(spec.file)
     fuel, vapour = spray.fuel or fuel_of(spec), spray.vapour
     if spec.fuel_field != CfdSpray.model_fields["fuel_field"].default and fuel != fuel_of(spec):
-        wanted = fuel_of(spec)
-        raise SprayError(f"{spec.file}: spray.fuel_field: {wanted}; the file contains {fuel}")
+        requested = fuel_of(spec)
+        raise SprayError(f"{spec.file}: spray.fuel_field: {requested}; the file contains {fuel}")
     if not spray.fuel and vapour is not None:  # a file of an older version
         mass = with_molar_mass(spec).fuel_molar_mass_kg_mol
-        if abs(vapour.molar_mass_kg_mol / mass - 1.0) > _MOLAR:
+        if abs(vapour.molar_mass_kg_mol / mass - 1.0) > SAME_MOLAR_MASS:
             fuel = f"one of {vapour.molar_mass_kg_mol:g} kg/mol (spray.fuel_field names it)"
     if spec.time_s is not None:
-        known = [spray.notes["time_s"]] if "time_s" in spray.notes else []
-        choose_time(str(spec.file), known, spec.time_s)
+        stated = [spray.notes["time_s"]] if "time_s" in spray.notes else []
+        choose_time(str(spec.file), stated, spec.time_s)
     return replace(spray, files=files_read([spec.file]) + spray.files, fuel=fuel)
 
 
@@ -124,12 +122,12 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         accepted += one_state.check_parcels(cloud, case.accept)
         case = replace(case, cloud=cloud)
     frame = find_frame(spec, case)
-    every, completed = copies(spec, case, frame)
-    vapour, jet_m, said = _vapour(spec, case, gas, frame, every, watch)
-    accepted += said
+    poses, completed = copies(spec, case, frame)
+    vapour, jet_m, cell_remarks = _vapour(spec, case, gas, frame, poses, watch)
+    accepted += cell_remarks
     parcels = None
     if checked is not None:
-        parcels = completed_parcels(checked.parcels, frame, every)
+        parcels = completed_parcels(checked.parcels, frame, poses)
         check_downstream(spec, parcels, frame)
     notes = _notes(case, gas, parcels, vapour, frame)
     farthest = None if case.cloud is None else farthest_m(case.cloud, 0.95)
@@ -137,48 +135,48 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         notes["liquid_path_m"] = farthest
     if checked is not None and not checked.kept.all():
         notes["parcels_left_out"] = float(np.sum(~checked.kept))
-    if len(every) > 1:
-        notes["copies"] = float(len(every))
+    if len(poses) > 1:
+        notes["copies"] = float(len(poses))
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
     check_totals(case, notes)
-    some = vapour if len(vapour.temperature_K) else None
-    if some is None and not notes.get("liquid_mass_kg"):
+    present = vapour if len(vapour.temperature_K) else None
+    if present is None and not notes.get("liquid_mass_kg"):
         raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
-    others = other_fuels(case.available, spec.fuel_field)
+    foreign = other_fuels(case.available, spec.fuel_field)
     if case.cloud is not None:
         liquids = partial(check_one_liquid, case.cloud, spec.fuel_field)
         accepted += one_state.judged(case.accept, {"liquids": liquids})
-    _check_one_fuel(spec, case, gas, others)
-    alone = checked is None and spec.cloud != NO_CLOUD
+    _check_one_fuel(spec, case, gas, foreign)
+    gas_alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
         *accepted,
         *assumptions(spec, case),
         *gas.remarks,
-        *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
-        *((f"Other fuels, not read: {', '.join(others)}.",) if others else ()),
+        *((f"{case.source}: no parcels in it: gas alone.",) if gas_alone else ()),
+        *((f"Other fuels, not read: {', '.join(foreign)}.",) if foreign else ()),
         *(() if checked is None else checked.remarks),
         *time_remarks(case.time_s, spec.time_s),
         *frame.remarks,
         *completed,
     )
     files = files_read(case.files)
-    return Spray(parcels, some, notes=notes, remarks=remarks, files=files, fuel=fuel_of(spec))
+    return Spray(parcels, present, notes=notes, remarks=remarks, files=files, fuel=fuel_of(spec))
 
 
-def _check_one_fuel(spec: CfdSpray, case: CfdCase, gas: _Gas, others: Sequence[str]) -> None:
+def _check_one_fuel(spec: CfdSpray, case: CfdCase, gas: _Gas, foreign: Sequence[str]) -> None:
     """Refuses a case in which another fuel has more than a small share."""
-    alone = spec.model_copy(update={"cloud": NO_CLOUD})
-    for name in filter(is_fuel, others):
-        found = read_case(alone, fuel_column=name).gas[spec.fuel_field]
-        if found.label == case.gas[spec.fuel_field].label:
+    gas_only = spec.model_copy(update={"cloud": NO_CLOUD})
+    for name in filter(is_fuel, foreign):
+        column = read_case(gas_only, fuel_column=name).gas[spec.fuel_field]
+        if column.label == case.gas[spec.fuel_field].label:
             continue  # a mapping file gives it
-        most = float(np.nanmax(found.values))
-        if most > _SECOND * float(gas.mass_fraction.max()):
+        highest = float(np.nanmax(column.values))
+        if highest > _SECOND * float(gas.mass_fraction.max()):
             raise SprayError(
                 f"{spec.file}: two fuels: {spec.fuel_field}, up to {gas.mass_fraction.max():.3g}, "
-                f"and {name}, up to {most:.3g}; allowed: one fuel, as mass, liquid, vapour and "
+                f"and {name}, up to {highest:.3g}; allowed: one fuel, as mass, liquid, vapour and "
                 "optics depend on it (add the fields of a mixture under one name in the case)"
             )
 
@@ -206,9 +204,9 @@ def _within(case: CfdCase, name: str, *, low: float, high: float, hint: str) -> 
 def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     for name, key in ((spec.fuel_field, " (spray.fuel_field)"), ("T", "")):
         if name not in case.gas:
-            known = ", ".join(case.available) or "none"
+            available = ", ".join(case.available) or "none"
             kind = NotAtThisTime if name == spec.fuel_field else SprayError
-            raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
+            raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {available}")
     temperature = _within(case, "T", low=1.0, high=5000.0, hint="T is a temperature in K")
     hint = "it must be the mass fraction of the fuel's vapour (spray.fuel_field)"
     stored = _within(case, spec.fuel_field, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint)
@@ -222,13 +220,13 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         label = case.gas[spec.fuel_field].label
         remarks = (f"{label}: mole fractions of fuel in air, converted to mass fractions.",)
     if "p" in case.gas:
-        alone, stated = "rho" not in case.gas, case.gas["p"].unit == "Pa absolute"
-        low, high = _PRESSURE_Pa if alone and not stated else (1.0, 1e9)
+        without_density, stated = "rho" not in case.gas, case.gas["p"].unit == "Pa absolute"
+        low, high = _PRESSURE_Pa if without_density and not stated else (1.0, 1e9)
         way = "absolute, as there is no density (gauge? else a mapping: unit: Pa absolute)"
-        hint = f"p is a pressure in Pa{', ' + way if alone else ''}"
+        hint = f"p is a pressure in Pa{', ' + way if without_density else ''}"
         pressure = _within(case, "p", low=low, high=high, hint=hint)
         moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
-        ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
+        ideal = pressure / (moles_kg * GAS_CONSTANT_J_mol_K * temperature)
     if "rho" in case.gas:
         density = _within(case, "rho", low=0.0, high=2e3, hint="rho is a density in kg/m3")
         if pressure is not None:
@@ -243,12 +241,12 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         density = ideal
     else:
         raise SprayError(f"{case.source}: neither rho nor p among the cell fields; one is needed")
-    number = density * fraction * (AVOGADRO_MOL / spec.fuel_molar_mass_kg_mol)
+    number = density * fraction * (AVOGADRO_PER_MOL / spec.fuel_molar_mass_kg_mol)
     return _Gas(temperature, fraction, number, remarks)
 
 
 def _vapour(
-    spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, every: Sequence[Copy], watch: Watch
+    spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, poses: Sequence[Copy], watch: Watch
 ) -> tuple[Vapour, float, tuple[str, ...]]:
     """Vapour in cldit's frame, its penetration along the axis [m] (NaN if none), and remarks.
 
@@ -256,7 +254,7 @@ def _vapour(
     the case. Cells with a negligible share are omitted, some thousands at a time; the cells of all
     copies refer to the same gas.
     """
-    frames = [copy.into(frame) for copy in every]
+    frames = [copy.into(frame) for copy in poses]
     total, depth, filled, count = 0.0, -np.inf, 0.0, 0
     share = _NEGLIGIBLE / case.mesh.cells
     # room for all cells takes no memory where it is not written
@@ -264,37 +262,37 @@ def _vapour(
     lower, upper = np.empty((2, case.mesh.cells, 3))  # centroids and edges at first
     for chosen in slices(case.mesh.cells):
         watch("measuring cells", chosen.start, case.mesh.cells)
-        own = case.mesh.measure(np.arange(chosen.start, chosen.stop))
-        molecules = gas.number_density_m3[chosen] * own.volume_m3
-        filled += float(own.volume_m3.sum())
+        cells = case.mesh.measure(np.arange(chosen.start, chosen.stop))
+        molecules = gas.number_density_m3[chosen] * cells.volume_m3
+        filled += float(cells.volume_m3.sum())
         total += float(molecules.sum())
         # a lower bound of the final threshold: the total is not known yet
         kept = np.flatnonzero(molecules > share * total)
         place = slice(count, count + len(kept))
-        cell[place], volume[place] = chosen.start + kept, own.volume_m3[kept]
-        lower[place], upper[place] = own.centroid_m[kept], (own.upper_m - own.lower_m)[kept]
+        cell[place], volume[place] = chosen.start + kept, cells.volume_m3[kept]
+        lower[place], upper[place] = cells.centroid_m[kept], (cells.upper_m - cells.lower_m)[kept]
         count += len(kept)
-        jet = own.centroid_m[gas.mass_fraction[chosen] > _EDGE_OF_JET]
+        jet = cells.centroid_m[gas.mass_fraction[chosen] > _EDGE_OF_JET]
         for origin, rotation in frames:
             depth = max(depth, float(((origin - jet) @ rotation[2]).max(initial=-np.inf)))
     enough = gas.number_density_m3[cell[:count]] * volume[:count] > share * total
-    some: slice | Labels = slice(count) if enough.all() else np.flatnonzero(enough)
-    cell, volume, lower, upper = cell[some], volume[some], lower[some], upper[some]
+    selected: slice | Labels = slice(count) if enough.all() else np.flatnonzero(enough)
+    cell, volume, lower, upper = cell[selected], volume[selected], lower[selected], upper[selected]
 
-    def once() -> None:
+    def check_cells() -> None:
         one_state.check_cells_once(case, cell, lower, volume)
         one_state.check_volume(case.mesh, filled)
 
-    accepted = one_state.judged(case.accept, {"cells": once})
-    if len(every) > 1:
-        lower, upper = (np.tile(values, (len(every), 1)) for values in (lower, upper))
+    accepted = one_state.judged(case.accept, {"cells": check_cells})
+    if len(poses) > 1:
+        lower, upper = (np.tile(values, (len(poses), 1)) for values in (lower, upper))
     for copy, (origin, rotation) in enumerate(frames):
         for part in slices(len(cell)):
             place = slice(copy * len(cell) + part.start, copy * len(cell) + part.stop)
             centre, half = (lower[place] - origin) @ rotation.T, upper[place] @ np.abs(rotation).T
             half *= (np.cbrt(volume[part] / half.prod(axis=1)) / 2)[:, None]
             lower[place], upper[place] = centre - half, centre + half
-    number = np.tile(cell, len(every))
+    number = np.tile(cell, len(poses))
     temperature = gas.temperature_K[number].astype(np.float64)
     boxes, molar_mass = Cells(lower, upper), spec.fuel_molar_mass_kg_mol
     vapour = Vapour(boxes, gas.number_density_m3[number], temperature, molar_mass)

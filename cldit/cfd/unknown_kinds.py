@@ -47,25 +47,25 @@ def _kind(path: Path) -> tuple[str, str] | None:
     if re.match(r"(otape|itape|tape)\d*", path.name.lower()):
         return "a file of KIVA", f"convert it to GMV, then {_PARAVIEW}; or {_TABLES}"
     kinds = {ending: kind for endings, kind in _KINDS.items() for ending in endings.split()}
-    known = [ending for ending in kinds if path.name.lower().endswith(ending)]
-    return kinds[max(known, key=len)] if known else None
+    matches = [ending for ending in kinds if path.name.lower().endswith(ending)]
+    return kinds[max(matches, key=len)] if matches else None
 
 
 def refuse_unknown(path: Path) -> None:
     """Raises an error that names the kind of a file, and which export is read."""
-    found = _kind(path)
-    if found is not None:
-        what, way = found
-        raise SprayError(f"{path}: is {what}, which is not read; {way}")
+    kind = _kind(path)
+    if kind is not None:
+        name, way = kind
+        raise SprayError(f"{path}: is {name}, which is not read; {way}")
     raise SprayError(f"{path}: is of no kind that is read; allowed: {_READ}")
 
 
 def refuse_folder(path: Path) -> None:
     """Raises an error that names the first file of a known kind in a folder, or its content."""
-    files = sorted(each for each in path.iterdir() if each.is_file())
-    for each in files:
-        if (found := _kind(each)) is not None:
-            what, way = found
-            raise SprayError(f"{path}: no case that is read; {each.name} is {what}: {way}")
-    held = ", ".join(each.name for each in sorted(path.iterdir())[:8]) or "nothing"
+    files = sorted(file for file in path.iterdir() if file.is_file())
+    for file in files:
+        if (kind := _kind(file)) is not None:
+            name, way = kind
+            raise SprayError(f"{path}: no case that is read; {file.name} is {name}: {way}")
+    held = ", ".join(entry.name for entry in sorted(path.iterdir())[:8]) or "nothing"
     raise SprayError(f"{path}: no case that is read, but: {held}; allowed: {_READ}")

@@ -29,11 +29,11 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
     """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
     sequence = load_plan(plan)
     if dry:
-        asked = open_rig(rig)
+        dry_rig = open_rig(rig)
         try:
-            _print_estimate(dry_run(asked, sequence, out))
+            _print_estimate(dry_run(dry_rig, sequence, out))
         finally:
-            asked.close()  # not made safe: that would move the black body
+            dry_rig.close()  # not made safe: that would move the black body
         print_next("cldit", "acquire", rig, plan, "--out", out)
         return
     page: AbstractContextManager[object] = nullcontext()
@@ -76,18 +76,18 @@ class RecordingBar:
         self._drawn.offer(progress)
 
 
-def _print_estimate(found: DryRun) -> None:
+def _print_estimate(estimate: DryRun) -> None:
     OUT.print(
-        f"{found.shots} shots at {len(found.backgrounds_K)} backgrounds: "
-        f"{found.time_s / 60.0:.0f} min, of which {found.background_s / 60.0:.0f} min wait for "
-        f"backgrounds at {SECONDS_PER_KELVIN:g} s/K; {found.disk_bytes / 1e6:.0f} MB of "
-        f"{found.free_bytes / 1e6:.0f} MB free"
+        f"{estimate.shots} shots at {len(estimate.backgrounds_K)} backgrounds: "
+        f"{estimate.time_s / 60.0:.0f} min, of which {estimate.background_s / 60.0:.0f} min wait "
+        f"for backgrounds at {SECONDS_PER_KELVIN:g} s/K; {estimate.disk_bytes / 1e6:.0f} MB of "
+        f"{estimate.free_bytes / 1e6:.0f} MB free"
     )
-    if found.problems:
-        raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
-    if found.unstated:
+    if estimate.problems:
+        raise RigError("the plan cannot run:\n" + "\n".join(estimate.problems))
+    if estimate.unstated:
         OUT.print(
-            f"camera: {', '.join(found.unstated)}: the calibration is valid for one value; state "
-            "it in the rig file, as camera.settings.features"
+            f"camera: {', '.join(estimate.unstated)}: the calibration is valid for one value; "
+            "state it in the rig file, as camera.settings.features"
         )
     OUT.print("dry run passed")

@@ -38,12 +38,12 @@ def json_option(command: Callable[P, Outcome]) -> Callable[..., None]:
     def with_json(as_json: bool, *args: P.args, **kwargs: P.kwargs) -> None:
         if as_json:
             with aside():
-                found = command(*args, **kwargs)
-            tell(json.dumps(plain(found.data), indent=2, allow_nan=False))
+                outcome = command(*args, **kwargs)
+            tell(json.dumps(plain(outcome.data), indent=2, allow_nan=False))
         else:
-            found = command(*args, **kwargs)
-        if found.code:
-            sys.exit(found.code)
+            outcome = command(*args, **kwargs)
+        if outcome.code:
+            sys.exit(outcome.code)
 
     return with_json
 

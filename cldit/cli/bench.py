@@ -82,11 +82,11 @@ def bench(
         asked_K=asked_K,
         seeds=seeds,
         scenes=scenes,
-        before=stored_rows(out, pixels=pixels),
+        earlier_rows=stored_rows(out, pixels=pixels),
     )
     OUT.print(part.title, style="bold")
     for table in part.tables:
         print_table(*table.head, rows=table.rows)
-    for text in part.text:
-        OUT.print(escaped(text), style="dim")
+    for paragraph in part.text:
+        OUT.print(escaped(paragraph), style="dim")
     save(part)

@@ -117,12 +117,12 @@ def _show(results: Iterable[Result]) -> bool:
     with OUT.status("checking") as status:
         for result in results:
             tally[result.verdict] += 1
-            text = escaped(result.text)
+            message = escaped(result.text)
             if result.verdict is Verdict.FAILED:
-                failed.append(f"[bold red]{result.where}, {result.name}:[/] {text}")
-                text = ""
+                failed.append(f"[bold red]{result.where}, {result.name}:[/] {message}")
+                message = ""
             verdict = f"[{_STYLE[result.verdict]}]{result.verdict}[/]"
-            rows.append((result.where, result.name, verdict, f"{result.seconds:.1f}", text))
+            rows.append((result.where, result.name, verdict, f"{result.seconds:.1f}", message))
             status.update(f"{result.where}: {result.name} {result.verdict}")
     print_table("where", "check", "result", "seconds", "", rows=rows)
     for line in failed:

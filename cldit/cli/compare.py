@@ -17,8 +17,8 @@ from cldit.run.trusted import open_device
 
 
 @click.command("compare")
-@click.argument("one", type=PATH)
-@click.argument("others", nargs=-1, required=True, type=PATH)
+@click.argument("baseline", metavar="ONE", type=PATH)
+@click.argument("compared", metavar="OTHERS...", nargs=-1, required=True, type=PATH)
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
 @click.option(
     "--align",
@@ -39,8 +39,8 @@ from cldit.run.trusted import open_device
 @json_option
 @plain_errors
 def compare_command(
-    one: Path,
-    others: tuple[Path, ...],
+    baseline: Path,
+    compared: tuple[Path, ...],
     acquired: bool,
     align: Align,
     lines: tuple[str, ...],
@@ -54,81 +54,94 @@ def compare_command(
     """
     if suffix is not None and out is None:
         raise click.UsageError("--format: of the figures in --out; give --out too")
-    if wrong := [text for text in lines if not all(text.partition("="))]:
-        raise click.BadParameter(f"{wrong[0]!r}; allowed: NAME=RUN", param_hint="--line")
-    named = {name: run for name, _, run in (text.partition("=") for text in lines)}
-    found = compare(one, *others, acquired=acquired, within_K=within_K, align=align, lines=named)
-    outcome = _printed(found)
+    if malformed := [line for line in lines if not all(line.partition("="))]:
+        raise click.BadParameter(f"{malformed[0]!r}; allowed: NAME=RUN", param_hint="--line")
+    named = {name: run for name, _, run in (line.partition("=") for line in lines)}
+    comparison = compare(
+        baseline, *compared, acquired=acquired, within_K=within_K, align=align, lines=named
+    )
+    outcome = _printed(comparison)
     if out is not None:
         from cldit.show.report.comparison_page import write_comparison  # needs matplotlib
 
-        print_files(*write_comparison(found, out, suffix=suffix or ".png"))
+        print_files(*write_comparison(comparison, out, suffix=suffix or ".png"))
     return outcome
 
 
 @click.command(deprecated="use `cldit compare`, which always averages onto the same pixels")
-@click.argument("one", type=PATH)
-@click.argument("other", type=PATH)
+@click.argument("baseline", metavar="ONE", type=PATH)
+@click.argument("compared", metavar="OTHER", type=PATH)
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
 @click.option("--resample", is_flag=True, help="Without effect.")
 @within_option
 @json_option
 @plain_errors
-def diff(one: Path, other: Path, acquired: bool, resample: bool, within_K: float | None) -> Outcome:
+def diff(
+    baseline: Path, compared: Path, acquired: bool, resample: bool, within_K: float | None
+) -> Outcome:
     """Compare ONE with OTHER, as `cldit compare`; will be removed in the next version."""
-    return _printed(compare(one, other, acquired=acquired, within_K=within_K))
+    return _printed(compare(baseline, compared, acquired=acquired, within_K=within_K))
 
 
-def _printed(found: Comparison) -> Outcome:
+def _printed(comparison: Comparison) -> Outcome:
     """Prints a comparison; the outcome is its data and exit status."""
-    for each in found.differences:
-        print_difference(each)
-    if found.verdict:
-        OUT.print(escaped(found.verdict), style="bold")
-    return Outcome(found.to_dict(), Exit.DIFFERS if found.differs else Exit.DONE)
+    for difference in comparison.differences:
+        print_difference(difference)
+    if comparison.verdict:
+        OUT.print(escaped(comparison.verdict), style="bold")
+    return Outcome(comparison.to_dict(), Exit.DIFFERS if comparison.differs else Exit.DONE)
 
 
-def print_difference(found: Difference) -> None:
+def print_difference(difference: Difference) -> None:
     """Prints a difference; the last line is its conclusion."""
-    OUT.print(escaped(f"{found.other} minus {found.one}:"))
-    if found.averaged:
-        OUT.print(escaped(f"  {found.averaged}"), style="dim")
-    if found.view:
-        OUT.print(escaped(f"  view by the images: {found.view}"), style="dim")
-    rows = [(words(one.name), *_cells(one)) for one in found.maps]
+    OUT.print(escaped(f"{difference.other} minus {difference.one}:"))
+    if difference.averaged:
+        OUT.print(escaped(f"  {difference.averaged}"), style="dim")
+    if difference.view:
+        OUT.print(escaped(f"  view by the images: {difference.view}"), style="dim")
+    rows = [(words(quantity.name), *_cells(quantity)) for quantity in difference.maps]
     print_table("", "RMS", "mean", "worst", "at x, z / mm", "pixels", rows=rows)
-    if any(found.only):
+    if any(difference.only):
         OUT.print(
-            f"  T_app only in the first: {found.only[0]} pixels, only in the second: "
-            f"{found.only[1]}"
+            f"  T_app only in the first: {difference.only[0]} pixels, only in the second: "
+            f"{difference.only[1]}"
         )
-    stated = ["none" if each is None else f"{each:.2g} K" for each in found.stated_K]
+    stated = ["none" if error_K is None else f"{error_K:.2g} K" for error_K in difference.stated_K]
     OUT.print(f"  stated errors of T_app, RMS: {stated[0]} and {stated[1]}")
-    stated = ["none" if each is None else f"{each:.2g}" for each in found.unshared_emissivity]
+    stated = [
+        "none" if error is None else f"{error:.2g}" for error in difference.unshared_emissivity
+    ]
     OUT.print(f"  errors of emissivity that are not shared, RMS: {stated[0]} and {stated[1]}")
-    if found.shared:
-        OUT.print(f"  shared errors, not counted: {', '.join(found.shared)}")
-    if found.code:
-        OUT.print(f"  computed by other code, whose errors count: {', '.join(found.code)}")
-    if found.tested:
-        OUT.print(f"  omitted by one alone, not counted as its error: {', '.join(found.tested)}")
-    if found.p_value is not None:
-        regions = [(name, *region.cells) for name, region in found.regions.items()]
+    if difference.shared:
+        OUT.print(f"  shared errors, not counted: {', '.join(difference.shared)}")
+    if difference.code:
+        OUT.print(f"  computed by other code, whose errors count: {', '.join(difference.code)}")
+    if difference.tested:
+        OUT.print(
+            f"  omitted by one alone, not counted as its error: {', '.join(difference.tested)}"
+        )
+    if difference.p_value is not None:
+        regions = [(name, *region.cells) for name, region in difference.regions.items()]
         print_table("T_app", "RMS", "mean", "chi-square", "p", "pixels", rows=regions)
-    for line in found.verdict.lines:
+    for line in difference.verdict.lines:
         OUT.print(escaped(f"  {line}"), style="bold")
 
 
-def _cells(one: MapDifference) -> list[str]:
-    if one.rms is None or one.mean is None or one.worst is None or one.worst_mm is None:
+def _cells(difference: MapDifference) -> list[str]:
+    if (
+        difference.rms is None
+        or difference.mean is None
+        or difference.worst is None
+        or difference.worst_mm is None
+    ):
         return ["-", "-", "-", "-", "0"]
-    unit = "" if one.unit == "1" else f" {one.unit}"
+    unit = "" if difference.unit == "1" else f" {difference.unit}"
     return [
-        f"{one.rms:.3g}{unit}",
-        f"{one.mean:+.3g}{unit}",
-        f"{one.worst:+.3g}{unit}",
-        f"{one.worst_mm[0]:.2f}, {one.worst_mm[1]:.2f}" if one.worst else "",
-        str(one.pixels),
+        f"{difference.rms:.3g}{unit}",
+        f"{difference.mean:+.3g}{unit}",
+        f"{difference.worst:+.3g}{unit}",
+        f"{difference.worst_mm[0]:.2f}, {difference.worst_mm[1]:.2f}" if difference.worst else "",
+        str(difference.pixels),
     ]
 
 
@@ -153,7 +166,7 @@ def repeat_command(
     what the stated errors explain.
     """
     with ProgressBar() as bar:
-        found = repeat(
+        repetition = repeat(
             folder,
             out=out,
             device=open_device(device),
@@ -161,12 +174,14 @@ def repeat_command(
             within_K=within_K,
             progress=bar.say,
         )
-    for line in found.inputs:
+    for line in repetition.inputs:
         OUT.print(escaped(f"  {line}"))
-    for name, (then, now) in found.changed.items():
-        OUT.print(escaped(f"  {name}: {then or 'none'} then, {now or 'none'} now"), style="dim")
-    print_difference(found.trace)
-    if found.recorded is not None:
+    for name, (recorded, current) in repetition.changed.items():
+        OUT.print(
+            escaped(f"  {name}: {recorded or 'none'} then, {current or 'none'} now"), style="dim"
+        )
+    print_difference(repetition.trace)
+    if repetition.recorded is not None:
         OUT.print("recording of the rig:")
-        print_difference(found.recorded)
-    return Outcome(found.to_dict(), Exit.DONE if found.within else Exit.DIFFERS)
+        print_difference(repetition.recorded)
+    return Outcome(repetition.to_dict(), Exit.DONE if repetition.within else Exit.DIFFERS)

@@ -49,9 +49,9 @@ def plain_errors(command: Callable[P, R]) -> Callable[P, R]:
     return guarded
 
 
-def print_problem(text: str) -> None:
+def print_problem(message: str) -> None:
     """Prints an error to the standard error."""
-    ERR.print(f"[bold red]error:[/] {escaped(text)}")
+    ERR.print(f"[bold red]error:[/] {escaped(message)}")
 
 
 def print_table(*heads: str, rows: Iterable[Iterable[RenderableType]]) -> None:
@@ -62,14 +62,14 @@ def print_table(*heads: str, rows: Iterable[Iterable[RenderableType]]) -> None:
     OUT.print(table)
 
 
-def escaped(text: str) -> str:
+def escaped(string: str) -> str:
     """Text in which rich finds no markup."""
-    return text.replace("[", r"\[")
+    return string.replace("[", r"\[")
 
 
-def say(text: str) -> None:
+def say(line: str) -> None:
     """Prints a line of progress."""
-    OUT.print(f"  {escaped(text)}", style="dim")
+    OUT.print(f"  {escaped(line)}", style="dim")
 
 
 class ProgressBar:
@@ -95,33 +95,33 @@ class ProgressBar:
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    def say(self, text: str) -> None:
+    def say(self, line: str) -> None:
         """Shows a stage in the bar; prints any other line once, and the bar starts anew below."""
-        stage = isinstance(text, StageLine)
-        if not stage and text in self._said:
+        stage = isinstance(line, StageLine)
+        if not stage and line in self._said:
             return
-        self._said.add(text)
+        self._said.add(line)
         if self._task is not None:
             if not stage or self._stages:
                 self._bar.stop()
             self._bar.remove_task(self._task)
             self._task = None
         if not stage or self._stages:
-            say(text)
+            say(line)
         else:
-            self._show(text, 0, None)
+            self._show(line, 0, None)
 
     def watch(self, progress: "Progress") -> None:
         """Shows the progress of an acquisition, and how far the black body is."""
         doing = str(progress.approach or progress.phase)
         self.count(doing, progress.done, progress.total)
 
-    def count(self, what: str, done: int, total: int) -> None:
+    def count(self, label: str, done: int, total: int) -> None:
         """Shows that `done` of `total` parts of a piece of work are done."""
-        self._show(what, done, total)
+        self._show(label, done, total)
 
-    def _show(self, what: str, done: int, total: int | None) -> None:
+    def _show(self, label: str, done: int, total: int | None) -> None:
         if self._task is None:
-            self._task = self._bar.add_task(what, total=total)
+            self._task = self._bar.add_task(label, total=total)
             self._bar.start()
-        self._bar.update(self._task, description=what, completed=done, total=total)
+        self._bar.update(self._task, description=label, completed=done, total=total)

@@ -22,12 +22,12 @@ from cldit.rig.drivers import DriverAbout, describe_drivers
 @plain_errors
 def devices(device: str | None, check: bool) -> Outcome:
     """List OpenCL devices, which one is used and why, and the drivers of instruments."""
-    found = list_devices()
+    infos = list_devices()
     if check:
-        _check([found[choose(found, device)[0]]] if device else found)
+        _check([infos[choose(infos, device)[0]]] if device else infos)
     failed = failed_devices()
-    used, reason = choose(found, device, failed)
-    checks = {info.index: stored_check(info) for info in found}
+    used, reason = choose(infos, device, failed)
+    checks = {info.index: stored_check(info) for info in infos}
     rows = [
         (
             "*" if number == used else "",
@@ -39,7 +39,7 @@ def devices(device: str | None, check: bool) -> Outcome:
             _checked(info, checks[info.index]),
             info.platform,
         )
-        for number, info in enumerate(found)
+        for number, info in enumerate(infos)
     ]
     print_table("", "device", "kind", "name", "memory", "float64", "check", "platform", rows=rows)
     OUT.print(f"* is used: {reason}\n")
@@ -53,7 +53,7 @@ def devices(device: str | None, check: bool) -> Outcome:
         {
             "devices": [
                 {**asdict(info), "used": at == used, "check": _plain(checks[info.index])}
-                for at, info in enumerate(found)
+                for at, info in enumerate(infos)
             ],
             "reason": reason,
             "drivers": {
@@ -91,5 +91,5 @@ def _checked(info: DeviceInfo, check: Check | None) -> Text:
 
 
 def _tested(about: DriverAbout, missing: Iterable[str]) -> Text:
-    lacks = f"needs {', '.join(missing)} ({about.install}); " if missing else ""
-    return Text.assemble((lacks, "yellow"), about.tested)
+    requirement = f"needs {', '.join(missing)} ({about.install}); " if missing else ""
+    return Text.assemble((requirement, "yellow"), about.tested)

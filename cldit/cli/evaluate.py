@@ -26,7 +26,7 @@ from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
-from cldit.scene.delays import delay_text, same_time, spray_time_s
+from cldit.scene.delays import same_time, spray_time_s
 from cldit.show.report.folders import show_folder, write_pages
 
 
@@ -69,8 +69,8 @@ def evaluate(
 ) -> Outcome:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
-    The maps go into `maps` beside the images, with a page, report.html; those of several delays
-    into a folder each, with a table of all.
+    The maps go into `maps` beside the images, with a page, report.html; those of several filters
+    and delays into a folder each, with a table of the delays.
     """
     if write_measured is not None:
         for line in measured_draft.write_measured(folder, write_measured):
@@ -79,7 +79,7 @@ def evaluate(
         return Outcome({"measured": write_measured})
     target = acquisition_in(folder)
     with ProgressBar() as bar:
-        found = evaluate_delays(
+        evaluations = evaluate_delays(
             target,
             curve=calibration,
             frame=frame,
@@ -88,38 +88,43 @@ def evaluate(
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
         )
     modelled = None if model is None else open_run(model)
-    if modelled is not None and not any(_shows(modelled, one, found) for one in found):
-        raise EvaluationError(f"--model: {model}: its spray has none of the plan's delays")
-    for one in found:
-        if len(found) > 1 and one.delay_s is not None:
-            OUT.print(f"{delay_text(one.delay_s)}:")
-        if one.evaluation is not None:
-            _print(one.evaluation)
-            if modelled is not None and _shows(modelled, one, found):
-                _scattering(target, modelled, one.evaluation, one.folder)
-            _print_result(one.evaluation.maps)
-        print_files(one.folder)
-    if len(found) > 1:
-        for row in delay_rows(found):
-            OUT.print(row.text)
-        print_files(target / "maps" / "delays.csv")
+    if modelled is not None and not any(
+        _shows(modelled, group, evaluations) for group in evaluations
+    ):
+        raise EvaluationError(f"--model: {model}: it has none of the plan's delays and filters")
+    for group in evaluations:
+        if group.label:
+            OUT.print(f"{group.label}:")
+        if group.evaluation is not None:
+            _print(group.evaluation)
+            if modelled is not None and _shows(modelled, group, evaluations):
+                _scattering(target, modelled, group.evaluation, group.folder)
+            _print_result(group.evaluation.maps)
+        print_files(group.folder)
+    for table in sorted({group.folder.parent / "delays.csv" for group in evaluations}):
+        if table.is_file():
+            of_filter = [group for group in evaluations if group.folder.parent == table.parent]
+            for row in delay_rows(of_filter):
+                OUT.print(row.text)
+            print_files(table)
     print_files(*write_pages(target))
     if suffix is not None:
         print_files(show_folder(target, suffix=suffix))
     print_next("cldit", "view", folder)
-    if problems := delay_problems(found):
+    if problems := delay_problems(evaluations):
         print_problem(problems)
     return Outcome(
-        {"delays": [_data(one) for one in found]}, Exit.FAILED if problems else Exit.DONE
+        {"delays": [_data(delay) for delay in evaluations]}, Exit.FAILED if problems else Exit.DONE
     )
 
 
-def _data(one: DelayEvaluation) -> dict[str, Any]:
+def _data(group: DelayEvaluation) -> dict[str, Any]:
     return {
-        "delay_s": one.delay_s,
-        "folder": one.folder,
-        "problem": one.problem,
-        "evaluation": None if one.evaluation is None else one.evaluation.to_dict(),
+        "delay_s": group.delay_s,
+        "filter": group.filter_name,
+        "folder": group.folder,
+        "problem": group.problem,
+        "evaluation": None if group.evaluation is None else group.evaluation.to_dict(),
     }
 
 
@@ -137,16 +142,22 @@ def _print_result(maps: Maps) -> None:
         OUT.print(f"standard error of T_app: {np.nanmedian(error_K):.2g} K (median)", style="bold")
 
 
-def _shows(model: Run, one: DelayEvaluation, found: tuple[DelayEvaluation, ...]) -> bool:
-    """True if the model has this delay; a single delay is not checked."""
-    return len(found) == 1 or same_time(spray_time_s(model.scene), one.delay_s)
+def _shows(model: Run, group: DelayEvaluation, evaluations: tuple[DelayEvaluation, ...]) -> bool:
+    """True if the model has this delay and this filter; a single one is not checked."""
+    if group.evaluation is None or len(evaluations) == 1:
+        return len(evaluations) == 1
+    filter_um = group.evaluation.calibration.filter_um
+    if group.filter_name is not None and filter_um != model.quadrature.filter_um:
+        return False
+    alone = len({item.delay_s for item in evaluations}) == 1
+    return alone or same_time(spray_time_s(model.scene), group.delay_s)
 
 
 def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:
     medium = evaluate_scattering(target, model, evaluation, maps=maps)
-    known = np.isfinite(medium.temperature_K)
+    valid = np.isfinite(medium.temperature_K)
     changed = medium.temperature_K - evaluation.maps.apparent_temperature_K
     OUT.print(
-        f"{int(known.sum()):9d} pixels: temperature of the medium, without scattered walls; "
-        f"{float(np.mean(changed[known])) if known.any() else 0.0:+.2g} K against T_app"
+        f"{int(valid.sum()):9d} pixels: temperature of the medium, without scattered walls; "
+        f"{float(np.mean(changed[valid])) if valid.any() else 0.0:+.2g} K against T_app"
     )

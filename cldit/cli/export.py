@@ -47,7 +47,7 @@ def export_command(
         OUT.print(f"{path}: {shots}{path.stat().st_size / 1e6:.1f} MB")
 
 
-def _device(text: str) -> "Device":
+def _device(name: str) -> "Device":
     from cldit.run.trusted import open_device  # loads OpenCL, which images do not need
 
-    return open_device(text)
+    return open_device(name)

@@ -25,9 +25,9 @@ PAGE = "live.html"
 _PAUSE_s = 1.0  # between two pages, at least
 _REST = 9.0  # times the writing time of a page: at most a tenth of a core
 _BEAT_s = 5.0  # longest time without a page: its age is shown
-_NICENESS = 5  # the recording has priority
+_NICENESS = 5  # a third of a normal process's share of a core: the recording has priority
 _SPARE_bytes = 50_000_000  # of the disk, beside what the recording still needs
-_CLOSING_s = 10.0
+_CLOSING_s = 10.0  # for the last page; a process that takes longer is killed
 _SERVE = "from cldit.cli.live import serve; serve()"
 
 
@@ -41,10 +41,10 @@ class PageWriter:
 
     def __enter__(self) -> "PageWriter":
         journal = self.path.with_name(JOURNAL)
-        known_bytes = journal.stat().st_size if journal.is_file() else 0
+        journal_bytes = journal.stat().st_size if journal.is_file() else 0
         try:
             self.process = subprocess.Popen(
-                [sys.executable, "-c", _SERVE, str(self.path.parent), str(known_bytes)],
+                [sys.executable, "-c", _SERVE, str(self.path.parent), str(journal_bytes)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -76,7 +76,7 @@ class PageWriter:
 
 def serve() -> None:
     """Runs the process; its arguments are the folder and the present length of the journal."""
-    folder, known_bytes = Path(sys.argv[1]), int(sys.argv[2])
+    folder, journal_bytes = Path(sys.argv[1]), int(sys.argv[2])
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
     ended = threading.Event()
@@ -86,7 +86,7 @@ def serve() -> None:
         ended.set()
 
     threading.Thread(target=wait_for_end, daemon=True).start()
-    write_pages(folder, ended, known_bytes=known_bytes)
+    write_pages(folder, ended, known_bytes=journal_bytes)
 
 
 def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -> None:
@@ -95,48 +95,48 @@ def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -
     Problems of reading and writing are reported on the next page, and tried again.
     """
     watch = Watch(folder, known_bytes=known_bytes)
-    wanted, unwritten, written_s, pause_s = True, "", 0.0, 0.0
+    due, unwritten, written_s, pause_s = True, "", 0.0, 0.0
     shot: LastShot | None = None
     while True:
         over = ended.wait(pause_s)
         begin_s = time.monotonic()
         problems = [unwritten] if unwritten else []
         try:
-            wanted = watch.look() or wanted
+            due = watch.look() or due
         except ClditError as error:
             problems.append(str(error))
-        seen = watch.seen(ended=over)
-        if (wanted or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
+        state = watch.seen(ended=over)
+        if (due or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
             try:
-                shot = _newest(folder, seen, shot)
+                shot = _newest(folder, state, shot)
             except ClditError as error:
                 problems.append(str(error))
             page = live_page(
-                seen, shot, over=over, problem="; ".join(problems), epoch_s=time.time()
+                state, shot, over=over, problem="; ".join(problems), epoch_s=time.time()
             )
             try:
-                _write(folder, page.encode(), seen)
-                wanted, unwritten, written_s = False, "", begin_s
+                _write(folder, page.encode(), state)
+                due, unwritten, written_s = False, "", begin_s
             except ClditError as error:
-                wanted, unwritten = True, str(error)
+                due, unwritten = True, str(error)
         if over:
             return
         pause_s = max(_PAUSE_s, _REST * (time.monotonic() - begin_s))
 
 
-def _newest(folder: Path, seen: Seen, before: LastShot | None) -> LastShot | None:
-    if seen.last is None or seen.plan is None:
+def _newest(folder: Path, state: Seen, previous: LastShot | None) -> LastShot | None:
+    if state.last is None or state.plan is None:
         return None
-    name = seen.last["shot"]
-    if before is not None and before.meta["shot"] == name:
-        return before
-    return LastShot(*load_shot(folder, name, plan_hash=seen.plan.hash()))
+    name = state.last["shot"]
+    if previous is not None and previous.meta["shot"] == name:
+        return previous
+    return LastShot(*load_shot(folder, name, plan_hash=state.plan.hash()))
 
 
-def _write(folder: Path, page: bytes, seen: Seen) -> None:
+def _write(folder: Path, page: bytes, state: Seen) -> None:
     """Raises DiskFull where the rest of the disk is needed for the shots."""
-    last = None if seen.last is None else shot_path(folder, seen.last["shot"])
-    size = last.stat().st_size if last is not None and last.is_file() else 0
-    left = needed_bytes(seen.total - seen.done, picture_bytes=size)
-    check_room(folder, left + len(page) + _SPARE_bytes)
+    path = None if state.last is None else shot_path(folder, state.last["shot"])
+    size = path.stat().st_size if path is not None and path.is_file() else 0
+    remaining_bytes = needed_bytes(state.total - state.done, picture_bytes=size)
+    check_room(folder, remaining_bytes + len(page) + _SPARE_bytes)
     write_bytes(folder / PAGE, page, sync=False)

@@ -24,15 +24,15 @@ def optics(scene: str, out: Path | None, suffix: str | None) -> None:
     if out is not None and suffix not in (None, out.suffix):
         raise click.UsageError(f"--format {suffix[1:]} and --out {out}: allowed: one of them")
     chosen = load_scene(scene)
-    found = scene_optics(chosen, cache=default_cache())
+    summary = scene_optics(chosen, cache=default_cache())
     rows = (
         (row.quantity, row.scene, row.data, row.paper, f"[dim]{escaped(row.note)}[/]")
-        for row in found.rows
+        for row in summary.rows
     )
     print_table("", "scene", "data", "paper", "", rows=rows)
-    for source in found.sources:
+    for source in summary.sources:
         OUT.print(escaped(source), style="dim")
     figure = out or Path(f"{chosen.name}-optics{suffix or '.png'}")
     make_folder(figure.parent)
-    write_figure(optics_figure(found), figure)
+    write_figure(optics_figure(summary), figure)
     OUT.print(escaped(str(figure)))

@@ -64,9 +64,11 @@ class SceneName(_Text):
     ) -> list[CompletionItem]:
         """Shipped names that begin with `incomplete`, else the shell's files."""
         files = resources.files("cldit.scene.library").iterdir()
-        names = sorted(one.name.removesuffix(".yaml") for one in files if one.name[-5:] == ".yaml")
-        found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-        return found or [CompletionItem(incomplete, type="file")]
+        names = sorted(
+            file.name.removesuffix(".yaml") for file in files if file.name[-5:] == ".yaml"
+        )
+        items = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+        return items or [CompletionItem(incomplete, type="file")]
 
 
 KELVIN = Quantity("K")
@@ -120,7 +122,9 @@ _CASE = (
     click.option("--sector", type=float, help="Angle of the mesh in degrees; 360: whole."),
     click.option(
         "--symmetry",
-        callback=lambda _, __, text: text and ([] if text == "none" else text.split(",")),
+        callback=lambda _, __, normals: (
+            normals and ([] if normals == "none" else normals.split(","))
+        ),
         help="Normals of mirror planes, as x or x,y; `none`: whole.",
     ),
     click.option("--axis", help="Direction of injection: -y, +z, or three numbers as 0,-1,0."),
@@ -148,14 +152,14 @@ def spray_keys(options: Mapping[str, Any]) -> dict[str, Any]:
     return keys
 
 
-def two_numbers(option: str, text: str, number: str) -> tuple[str, str]:
+def two_numbers(option: str, value: str, pattern: str) -> tuple[str, str]:
     """The numbers in `N`, for both, or `NxM`."""
-    match = re.fullmatch(rf"({number})(?:x({number}))?", text.strip())
+    match = re.fullmatch(rf"({pattern})(?:x({pattern}))?", value.strip())
     if match is None:
-        raise SceneError(f"{option} {text}: allowed: one number for both sides, or two as 3x4")
+        raise SceneError(f"{option} {value}: allowed: one number for both sides, or two as 3x4")
     return match[1], match[2] or match[1]
 
 
-def pixels_of(text: str) -> list[int]:
+def pixels_of(value: str) -> list[int]:
     """Columns and rows of `--pixels`."""
-    return [int(one) for one in two_numbers("--pixels", text, r"[0-9]+")]
+    return [int(count) for count in two_numbers("--pixels", value, r"[0-9]+")]

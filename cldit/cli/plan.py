@@ -150,18 +150,19 @@ def plan_command(
 def _print_separations(separations: tuple[Separation, ...]) -> None:
     rows = [
         (
-            "" if each.delay_s is None else delay_text(each.delay_s),
-            each.band or "the scenes'",
-            f"{len(each.backgrounds_K)}: {each.backgrounds_K[0]:g} .. {each.backgrounds_K[-1]:g}",
-            "none" if each.shots is None else str(each.shots),
-            f"{each.distance:.2g}",
-            *(f"{each.distances[name]:.2g}" for name in OBSERVABLES),
-            f"{each.of_noise:.2g}",
-            f"{each.rms_K:.2g}",
-            f"{each.rms_emissivity:.2g}",
-            "" if each.time_s is None else f"{each.time_s / 60:.0f}",
+            "" if separation.delay_s is None else delay_text(separation.delay_s),
+            separation.band or "the scenes'",
+            f"{len(separation.backgrounds_K)}: "
+            f"{separation.backgrounds_K[0]:g} .. {separation.backgrounds_K[-1]:g}",
+            "none" if separation.shots is None else str(separation.shots),
+            f"{separation.distance:.2g}",
+            *(f"{separation.distances[name]:.2g}" for name in OBSERVABLES),
+            f"{separation.of_noise:.2g}",
+            f"{separation.rms_K:.2g}",
+            f"{separation.rms_emissivity:.2g}",
+            "" if separation.time_s is None else f"{separation.time_s / 60:.0f}",
         )
-        for each in separations
+        for separation in separations
     ]
     alone = (f"by {name}" for name in OBSERVABLES)
     errors = ("by noise", "RMS / K", "of emissivity", "min")

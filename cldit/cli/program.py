@@ -80,8 +80,8 @@ class LazyGroup(click.Group):
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Commands and options that begin with `incomplete`, without importing a command."""
         names = [name for name in self.commands_at if name.startswith(incomplete)]
-        found = [CompletionItem(name, help=self._sentence(name)) for name in names]
-        return found + click.Command.shell_complete(self, ctx, incomplete)
+        items = [CompletionItem(name, help=self._sentence(name)) for name in names]
+        return items + click.Command.shell_complete(self, ctx, incomplete)
 
     def _sentence(self, name: str) -> str:
         """First sentence of a command's help."""

@@ -24,19 +24,19 @@ def print_maps(maps: "Maps") -> None:
 
     Ranges are percentiles 1 and 99. Without visible spray, all pixels with a T_app count.
     """
-    known = np.isfinite(maps.apparent_temperature_K)
-    if not known.any():
+    valid = np.isfinite(maps.apparent_temperature_K)
+    if not valid.any():
         reasons = "; ".join(f"{count} {reason.text}" for reason, count in maps.count().items())
         OUT.print(f"no pixel has an apparent temperature: {reasons}", style="bold")
         return
-    visible, which = maps.has_temperature, "pixels with an emissivity above 0.05"
+    visible, population = maps.has_temperature, "pixels with an emissivity above 0.05"
     if not visible.any():
-        visible, which = known, "pixels; none has an emissivity above 0.05"
+        visible, population = valid, "pixels; none has an emissivity above 0.05"
     low, middle, high = np.percentile(maps.apparent_temperature_K[visible], (1, 50, 99))
-    faint, usual, dense = np.percentile(maps.emissivity[visible], (1, 50, 99))
+    faint, median, dense = np.percentile(maps.emissivity[visible], (1, 50, 99))
     OUT.print(f"T_app {low:.1f} to {high:.1f} K, median {middle:.1f} K", style="bold")
-    OUT.print(f"emissivity {faint:.2g} to {dense:.2g}, median {usual:.2g}", style="bold")
-    OUT.print(f"  of {int(visible.sum())} {which}", style="dim")
+    OUT.print(f"emissivity {faint:.2g} to {dense:.2g}, median {median:.2g}", style="bold")
+    OUT.print(f"  of {int(visible.sum())} {population}", style="dim")
 
 
 def print_error(errors: "Errors") -> None:
@@ -44,18 +44,18 @@ def print_error(errors: "Errors") -> None:
     largest = errors.largest()
     by = f"; largest source: {largest.name}, {largest.text}" if largest and not errors.why else ""
     OUT.print(f"error of T_app {errors.text}{' RMS' if by else ''}{by}", style="bold")
-    most = errors.largest(of_emissivity=True)
-    if most is not None and not errors.why:
-        by = f"; largest source: {most.name}, {most.emissivity_text}"
+    emissivity_cause = errors.largest(of_emissivity=True)
+    if emissivity_cause is not None and not errors.why:
+        by = f"; largest source: {emissivity_cause.name}, {emissivity_cause.emissivity_text}"
         OUT.print(f"error of emissivity {errors.emissivity_text} RMS{by}", style="bold")
 
 
 def print_reach(figures: Mapping[str, float], errors: "Errors | None" = None) -> None:
     """Prints how far liquid and vapour of a spray with these figures reach."""
-    known = {} if errors is None else errors.figures
+    figure_errors = {} if errors is None else errors.figures
     reach = [
         f"{phase} {1e3 * figures[key]:.1f}"
-        f"{f' +- {1e3 * known[key]:.1f}' if key in known else ''} mm{share}"
+        f"{f' +- {1e3 * figure_errors[key]:.1f}' if key in figure_errors else ''} mm{share}"
         for key, phase, share in _REACH
         if figures.get(key, 0.0) > 0.0
     ]

@@ -41,12 +41,13 @@ from cldit.cli.results import (
 from cldit.errors import SceneError
 from cldit.io.extras import install_line
 from cldit.run import Run, simulate
-from cldit.run.folder import SCENE_FILE, free_folder
+from cldit.run.folder import free_folder
 from cldit.run.series_plan import SERIES_FILE
+from cldit.run.stored_files import SCENE_FILE
 from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
-from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s
+from cldit.scene.delays import delay_folder, same_time, scene_at, spray_time_s, without_delays
 from cldit.scene.load import shipped_scenes, short_changes
 from cldit.scene.scatter import members_of
 from cldit.show.figures.readable import human_figures
@@ -163,7 +164,7 @@ def run(
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
     short = short_changes(chosen, quick=quick, accuracy=accuracy)
     chosen = chosen.with_(**{**short, **_camera_changes(chosen, pixels, field_mm)})
-    chosen = chosen.with_(**dict(parse_change(text) for text in changes))
+    chosen = chosen.with_(**dict(parse_change(change) for change in changes))
     if members is not None:
         chosen = chosen.with_(**{"spray.scatter.members": members})
     kept_scene = SCENE_FILE if times is None else SERIES_FILE
@@ -222,8 +223,8 @@ def _times_aside(bar: ProgressBar, shared: dict[str, Any], scenes: Mapping[Path,
     trace_scenes(scenes, progress=bar.say, watch=partial(_count, bar, "times"), **shared)
 
 
-def _count(bar: ProgressBar, what: str, at: Any) -> None:
-    bar.watch(Progress(what, at.done, at.total, at.remaining_s))
+def _count(bar: ProgressBar, label: str, at: Any) -> None:
+    bar.watch(Progress(label, at.done, at.total, at.remaining_s))
 
 
 def _members_aside(scene: Scene, folder: Path, bar: ProgressBar, shared: dict[str, Any]) -> None:
@@ -235,22 +236,22 @@ def _members_aside(scene: Scene, folder: Path, bar: ProgressBar, shared: dict[st
     places = {folder: scene}
     for delay_s in scene.plan.delays_s:
         if not same_time(spray_time_s(scene), delay_s):
-            places[folder / delay_folder(delay_s)] = alone(scene_at(scene, delay_s))
-    for place, one in places.items():
+            places[folder / delay_folder(delay_s)] = without_delays(scene_at(scene, delay_s))
+    for place, delay_scene in places.items():
         watch = partial(_count, bar, "injections")
-        trace_members(one, place, progress=bar.say, watch=watch, **shared)
+        trace_members(delay_scene, place, progress=bar.say, watch=watch, **shared)
 
 
 def _data(result: Run) -> dict[str, Any]:
     """Data of a run for scripts."""
     maps = {"trace": result.maps, "acquired": result.measured}
     pixels = {
-        name: {reason.name.lower(): count for reason, count in one.count().items()}
-        for name, one in maps.items()
-        if one is not None
+        name: {reason.name.lower(): count for reason, count in evaluated.count().items()}
+        for name, evaluated in maps.items()
+        if evaluated is not None
     }
-    found = result.ensemble
-    ensemble = found and {"members": found.members, **found.figures(result)}
+    statistics = result.ensemble
+    ensemble = statistics and {"members": statistics.members, **statistics.figures(result.maps)}
     return {"name": result.scene.name, "folder": result.folder, "pixels": pixels,
             "ensemble": ensemble, **result.info.to_dict()}  # fmt: skip
 
@@ -261,25 +262,25 @@ def _camera_changes(scene: Scene, pixels: str | None, field_mm: str | None) -> d
     A field gets the nozzle in its middle, a twelfth of its height below its upper edge, unless the
     scene has a target of its own, or no nozzle.
     """
-    made: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     if pixels is not None:
-        made["camera.pixels"] = pixels_of(pixels)
+        changes["camera.pixels"] = pixels_of(pixels)
     if field_mm is not None:
         width, height = (
             float(side) * 1e-3 for side in two_numbers("--field", field_mm, r"[0-9]*\.?[0-9]+")
         )
-        made["camera.field_m"] = [width, height]
+        changes["camera.field_m"] = [width, height]
         if scene.camera.target_m is None and scene.spray.model not in ("none", "grid"):
-            made["camera.target_m"] = [0.0, 0.0, -(0.5 - _ABOVE) * height]
-    return made
+            changes["camera.target_m"] = [0.0, 0.0, -(0.5 - _ABOVE) * height]
+    return changes
 
 
-def _phase(text: str | None) -> str | dict[str, float] | None:
-    """Phase function of a text: a number is g of Henyey and Greenstein."""
+def _phase(name: str | None) -> str | dict[str, float] | None:
+    """Phase function by its name; a number is g of Henyey and Greenstein."""
     try:
-        return None if text is None else {"henyey_greenstein": float(text)}
+        return None if name is None else {"henyey_greenstein": float(name)}
     except ValueError:
-        return text
+        return name
 
 
 def _changed(
@@ -312,8 +313,8 @@ def _print_stages(result: Run) -> None:
     print_table("stage", "s", "", rows=rows)
     for file in result.info.files:
         OUT.print(escaped(f"  {file.text}"), style="dim")
-    for name, text in human_figures(result.info.spray).items():
-        OUT.print(f"  {name}: {text}", style="dim")
+    for name, figure in human_figures(result.info.spray).items():
+        OUT.print(f"  {name}: {figure}", style="dim")
     if result.errors is not None:
         _print_causes(result.errors)
 
@@ -322,7 +323,7 @@ def _print_run(result: Run, suffix: str | None) -> None:
     """Prints the result: maps, error, reach of the spray, files and the next command."""
     print_maps(result.maps if result.measured is None else result.measured)
     if result.ensemble is not None:
-        OUT.print(f"{result.ensemble.members} injections, {result.ensemble.text(result)}")
+        OUT.print(f"{result.ensemble.members} injections, {result.ensemble.text(result.maps)}")
     if result.errors is not None:
         print_error(result.errors)
     elif result.info.accuracy_K is not None:
@@ -339,8 +340,8 @@ def _print_run(result: Run, suffix: str | None) -> None:
 
 def _print_causes(errors: Errors) -> None:
     rows = [
-        (one.name, one.text.removesuffix(" K"), one.emissivity_text, one.fixed, one.how)
-        for one in errors.causes
+        (cause.name, cause.text.removesuffix(" K"), cause.emissivity_text, cause.fixed, cause.how)
+        for cause in errors.causes
     ]
     if rows:
         print_table("error by", "T_app, K", "emissivity", "fixed by", "estimated from", rows=rows)
@@ -363,27 +364,27 @@ def _series_outcome(series: "Series") -> Outcome:
     from cldit.show.figures.film import mp4_possible
 
     rows = []
-    for each in series.times:
-        row = [_number(each.spray.get(name), factor) for name, _, factor in _OF_TIME]
-        warm = None if each.dit is None else each.dit.apparent_temperature_K
-        note = "" if each.state == "done" else each.state
-        rows.append([series.plan.text(each.time), *row, _number(warm, 1.0), note])
-    print_table("time", *(text for _, text, _ in _OF_TIME), "T_app, K", "", rows=rows)
+    for series_time in series.times:
+        row = [_number(series_time.spray.get(name), factor) for name, _, factor in _OF_TIME]
+        warm = None if series_time.dit is None else series_time.dit.apparent_temperature_K
+        note = "" if series_time.state == "done" else series_time.state
+        rows.append([series.plan.text(series_time.time), *row, _number(warm, 1.0), note])
+    print_table("time", *(heading for _, heading, _ in _OF_TIME), "T_app, K", "", rows=rows)
     print_files(*series.files)
     if series.files and not mp4_possible():
         OUT.print(escaped(f"for film.mp4 too: {install_line('film')}"), style="dim")
-    for each in series.failed:
-        print_problem(f"{series.plan.text(each.time)}: {each.problem}")
+    for series_time in series.failed:
+        print_problem(f"{series.plan.text(series_time.time)}: {series_time.problem}")
     print_next("cldit", "view", series.folder)
     times = [
         {
-            "time": series.plan.text(each.time),
-            "state": each.state,
-            "folder": each.folder,
-            "problem": each.problem,
-            "spray": each.spray,
+            "time": series.plan.text(series_time.time),
+            "state": series_time.state,
+            "folder": series_time.folder,
+            "problem": series_time.problem,
+            "spray": series_time.spray,
         }
-        for each in series.times
+        for series_time in series.times
     ]
     code = Exit.FAILED if series.failed else Exit.DONE
     return Outcome({"times": times, "files": series.files}, code)

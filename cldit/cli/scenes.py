@@ -27,10 +27,10 @@ def scenes(show: str | None, schema: bool) -> Outcome:
         made = _schema()
         tell(json.dumps(made, indent=2))
         return Outcome(made)
-    found = shipped_scenes()
-    print_table("scene", "", rows=found.items())
+    descriptions = shipped_scenes()
+    print_table("scene", "", rows=descriptions.items())
     return Outcome(
-        [{"name": name, "description": description} for name, description in found.items()]
+        [{"name": name, "description": description} for name, description in descriptions.items()]
     )
 
 

@@ -42,8 +42,8 @@ def view_command(folders: tuple[Path, ...], save: Path | None, no_open: bool) ->
     """
     path = view(*folders, save=save)
     for folder in folders:
-        for left in unfinished(folder):
-            OUT.print(escaped(f"{left}: is not finished; omitted"))
+        for incomplete in unfinished(folder):
+            OUT.print(escaped(f"{incomplete}: is not finished; omitted"))
     size = "" if save is None else f" ({save.stat().st_size / 1e6:.1f} MB)"
     OUT.print(escaped(f"{path}{size}"))
     if save is None and not no_open and not webbrowser.open(path.resolve().as_uri()):

@@ -52,16 +52,16 @@ def spray_command(scene: str, out: Path | None, suffix: str | None, device: str 
                 phase = f"{time_s * 1e3:.3f} ms, {parcels} parcels"
                 bar.watch(Progress(phase, round(time_s / end_s * 100), 100, None))
 
-            found, history, _ = simulate_spray(
+            spray, history, _ = simulate_spray(
                 chosen.spray, open_device(device), cache=default_cache(), watch=watch
             )
     else:
-        found = make_spray(chosen.spray, open_device(device), cache=default_cache())
-    for text in found.remarks:
-        say(text)
-    written = write_spray(found, history, folder, title=title, suffix=suffix or ".png")
-    for name, text in human_figures(found.notes).items():
-        OUT.print(f"{name}: {text}")
+        spray = make_spray(chosen.spray, open_device(device), cache=default_cache())
+    for remark in spray.remarks:
+        say(remark)
+    written = write_spray(spray, history, folder, title=title, suffix=suffix or ".png")
+    for name, figure in human_figures(spray.notes).items():
+        OUT.print(f"{name}: {figure}")
     print_files(*written)
     print_next("cldit", "run", scene)
 
@@ -125,7 +125,7 @@ def import_command(
                 "case": spec.file,
                 "figures": spray.notes,
                 "remarks": spray.remarks,
-                "files": [one.to_dict() for one in spray.files],
+                "files": [source.to_dict() for source in spray.files],
                 "out": out,
                 "scene": scene,
             }
@@ -154,16 +154,16 @@ def import_command(
 @click.option("--out", type=PATH, help="Draw the columns into this file (.png, .pdf or .svg).")
 @device_option
 @plain_errors
-def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) -> None:
+def droplet(diameter_um: float, as_csv: bool, out: Path | None, **conditions: Any) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
-    given |= {"device": open_device(given["device"]), "cache": default_cache()}
-    life = follow(diameter_m=diameter_um * 1e-6, **given)
+    conditions |= {"device": open_device(conditions["device"]), "cache": default_cache()}
+    life = follow(diameter_m=diameter_um * 1e-6, **conditions)
     if as_csv:
         tell(life.csv(), end="")
     if out is not None:
         title = (
             "{fuel}, {um:g} µm, in {gas} of {gas_temperature_K:g} K, {MPa:g} MPa: {model}"
-        ).format(um=diameter_um, MPa=given["pressure_Pa"] / 1e6, **given)
+        ).format(um=diameter_um, MPa=conditions["pressure_Pa"] / 1e6, **conditions)
         write_figure(life_figure(life, title=title), out)
     if not as_csv:
         _life_table(life)

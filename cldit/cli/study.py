@@ -66,15 +66,15 @@ def study(
         return
     if scheduler is not None or workers is not None:
         raise StudyError("--scheduler and --workers are for sweeps; give --grid too")
-    wanted = studies_of(name or "")
+    names = studies_of(name or "")
     folder = out or Path("studies")
     lab = Lab(RunCache(cache or default_cache()), quick, open_device(device), say)
     pages: list[StudyPage] = []
     start = time.perf_counter()
-    for number, each in enumerate(wanted, start=1):
+    for number, study_name in enumerate(names, start=1):
         since = f", {(time.perf_counter() - start) / 60:.0f} min so far" if number > 1 else ""
-        OUT.print(f"study {each} ({number} of {len(wanted)}{since})")
-        page = run_study(each, lab)
+        OUT.print(f"study {study_name} ({number} of {len(names)}{since})")
+        page = run_study(study_name, lab)
         pages.append(page)
         path = write_page(page, folder, markdown_only=markdown, suffix=suffix)
         OUT.print(f"{path}: {page.summary} ({page.seconds:.0f} s)")
@@ -88,13 +88,13 @@ def _print_verdicts(pages: list[StudyPage]) -> None:
     rows = [
         (
             page.name,
-            escaped(each.claim),
-            each.found,
-            each.allowed,
-            f"[{colours.get(each.word, 'yellow')}]{each.word}[/]",
+            escaped(verdict.claim),
+            verdict.found,
+            verdict.allowed,
+            f"[{colours.get(verdict.word, 'yellow')}]{verdict.word}[/]",
         )
         for page in pages
-        for each in page.verdicts
+        for verdict in page.verdicts
     ]
     print_table("study", "the paper", "found", "agrees if", "", rows=rows)
 
@@ -133,5 +133,5 @@ def _sweep(
     )
     OUT.print(f'next: cldit.open_study("{record.folder}") opens them as one data set')
     if record.failed:
-        lines = "\n".join(f"scene {number}: {why}" for number, why in record.failed[:10])
+        lines = "\n".join(f"scene {number}: {reason}" for number, reason in record.failed[:10])
         raise StudyError(f"{len(record.failed)} scenes failed:\n{lines}")

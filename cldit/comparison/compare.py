@@ -66,7 +66,7 @@ class Comparison:
                 title=each.one,
                 pixel_m=seen.pixel_m,
                 centre_m=seen.centre_m,
-                more={
+                extra_variables={
                     "change_K": (each.change_K, "K", "T_app less that of the first"),
                     "residuals": (each.residuals, "1", "change in standard errors"),
                 },

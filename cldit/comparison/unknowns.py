@@ -11,7 +11,7 @@ from typing import Any
 from cldit.errors import SceneError, StudyError
 from cldit.io.plain_data import read_mapping
 from cldit.scene import Scene
-from cldit.scene.change import value_at
+from cldit.scene.keys import value_at
 
 DEFAULT: Mapping[str, str | float] = {
     "spray.mixing_length": "5 %",

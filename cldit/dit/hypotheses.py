@@ -6,16 +6,13 @@ renewed, or images moved, or were turned.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtri
 
 from cldit.arrays import Floats, Mask
-from cldit.scene.values import ZERO_CELSIUS_K
-
-if TYPE_CHECKING:
-    from cldit.dit.witness.pixels import Patterns
+from cldit.constants import ZERO_CELSIUS_K
+from cldit.dit.witness.patterns import Patterns
 
 _CHANCE = 1e-4  # probability of a larger chi-square, up to which a cause fits
 _REMAINING = 0.01  # of chi-square without a cause: a tenth of the deviations remains
@@ -104,7 +101,7 @@ def line_chi2(x: Floats, y: Floats, variance: Floats, *extra: Floats) -> float:
     return float(rest @ rest)
 
 
-def between_kinds(patterns: "Patterns", selected: Mask, *, offsets: bool, gains: bool) -> str:
+def between_kinds(patterns: Patterns, selected: Mask, *, offsets: bool, gains: bool) -> str:
     """Text of the causes of patterns of injections that are not those of references.
 
     selected: (h, w) pixels. offsets, gains: which of them changed beyond doubt; the rest of the
@@ -133,7 +130,7 @@ def between_kinds(patterns: "Patterns", selected: Mask, *, offsets: bool, gains:
     )
 
 
-def between_backgrounds(patterns: "Patterns", selected: Mask, names: Sequence[str]) -> str:
+def between_backgrounds(patterns: Patterns, selected: Mask, names: Sequence[str]) -> str:
     """Text of the causes of patterns in `selected` pixels (h, w) that are not on the pixels' lines;
     names: of the backgrounds."""
     x = patterns.source

@@ -69,5 +69,5 @@ def failed_devices() -> list[str]:
 
 def _place(info: DeviceInfo) -> Path:
     """File of the check of a device."""
-    what = (info.platform, info.name, info.kind, info.driver, info.float64)
-    return default_cache() / "devices" / f"{digest(what, code_digest('kernels'))}.yaml"
+    identity = (info.platform, info.name, info.kind, info.driver, info.float64)
+    return default_cache() / "devices" / f"{digest(identity, code_digest('kernels'))}.yaml"

@@ -51,12 +51,12 @@ def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Compil
     """Compiles a source in OpenCL C, once for a device, with options beside `OPTIONS`."""
     opened, key = device.opened, (source, *options)
     with opened.lock:
-        found = opened.programs.get(key)
-        if found is None:
-            found = _compiled(opened, source, [*OPTIONS, *options])
-            opened.programs[key] = found
+        program = opened.programs.get(key)
+        if program is None:
+            program = _compiled(opened, source, [*OPTIONS, *options])
+            opened.programs[key] = program
             _trim_heap()
-    return found
+    return program
 
 
 def _compiled(opened: Context, source: str, options: list[str]) -> Compiled:
@@ -65,25 +65,25 @@ def _compiled(opened: Context, source: str, options: list[str]) -> Compiled:
     handle = opened.handle
     platform = handle.platform
     made_by = (platform.vendor, platform.name, platform.version, handle.name, handle.driver_version)
-    text = "\0".join((*made_by, *options, source))
-    key = hashlib.sha256(text.encode()).hexdigest()[:32]
+    identity = "\0".join((*made_by, *options, source))
+    key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     folder = default_cache() / "programs"
-    with _alone(folder / f"{key[0]}.lock"), _FILTERS, warnings.catch_warnings():
+    with _locked(folder / f"{key[0]}.lock"), _FILTERS, warnings.catch_warnings():
         warnings.simplefilter("ignore", cl.CompilerWarning)
         if has_src_build_cache(handle):
             check_room(handle)
             return _from_source(opened, source, options)
         path = folder / f"{key}.program"
-        found = _loaded(path, opened, options)
-        if found is None:
-            found = _from_source(opened, source, options)
+        program = _loaded(path, opened, options)
+        if program is None:
+            program = _from_source(opened, source, options)
             with suppress(OSError):  # without room it is compiled again next time
-                _keep(path, found)
-        return found
+                _keep(path, program)
+        return program
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
+def _locked(path: Path) -> Iterator[None]:
     """Holds a lock on the file, if the folder allows one, so that one process at a time runs."""
     with ExitStack() as held:
         with suppress(OSError):
@@ -95,10 +95,13 @@ def _alone(path: Path) -> Iterator[None]:
 def _from_source(opened: Context, source: str, options: list[str]) -> Compiled:
     build: Any = cl.Program(opened.opencl, source).build
     program = build(options=options, cache_dir=False)
-    return Compiled(program, {each.function_name: _asked(each) for each in program.all_kernels()})
+    return Compiled(
+        program,
+        {kernel.function_name: _kernel_arguments(kernel) for kernel in program.all_kernels()},
+    )
 
 
-def _asked(kernel: Any) -> Arguments:
+def _kernel_arguments(kernel: Any) -> Arguments:
     """Arguments of a kernel by its compiler; in the source they depend on defines and macros."""
     info, ask = cl.kernel_arg_info, kernel.get_arg_info
     # PoCL's headers rename arguments that have the name of a function of OpenCL C.
@@ -108,9 +111,9 @@ def _asked(kernel: Any) -> Arguments:
     ]
 
 
-def _keep(path: Path, made: Compiled) -> None:
-    [binary] = made.program.get_info(cl.program_info.BINARIES)
-    content = json.dumps(made.arguments).encode() + b"\n" + binary
+def _keep(path: Path, built: Compiled) -> None:
+    [binary] = built.program.get_info(cl.program_info.BINARIES)
+    content = json.dumps(built.arguments).encode() + b"\n" + binary
     write_bytes(path, f"{zlib.crc32(content):08x}\n".encode() + content, sync=False)
 
 

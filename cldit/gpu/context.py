@@ -39,21 +39,21 @@ class Context:
         self.opencl = cl.Context([handle])
         self.programs: dict[tuple[str, ...], Any] = {}
         self.lock = threading.RLock()
-        self._own = threading.local()
+        self._thread = threading.local()
 
     @property
     def queue(self) -> Any:
         """The in-order queue of this thread."""
         try:
-            return self._own.queue
+            return self._thread.queue
         except AttributeError:
-            self._own.queue = cl.CommandQueue(self.opencl)
-            return self._own.queue
+            self._thread.queue = cl.CommandQueue(self.opencl)
+            return self._thread.queue
 
     def leave_to_parent(self) -> None:
         """Keeps the objects alive in a forked child, where releasing them would hang."""
-        kept = (self.handle, self.opencl, self.programs, self._own.__dict__)
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
+        objects = (self.handle, self.opencl, self.programs, self._thread.__dict__)
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(objects))
 
 
 class Lease:
@@ -112,7 +112,7 @@ class OpenDevices:
         self.check_process()
         with self._lock:
             number = int(handle.int_ptr)
-            alive = {int(one.handle.int_ptr): one for one in self._alive}
+            alive = {int(leased.handle.int_ptr): leased for leased in self._alive}
             context = alive.get(number)
             if context is None:
                 version = self._versions.get(number) or prepare()

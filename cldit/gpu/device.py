@@ -87,30 +87,30 @@ class Device:
 
     def poisoned(self) -> "Device":
         """The same device, and its others, with `poison`."""
-        return replace(self, poison=True, others=tuple(each.poisoned() for each in self.others))
+        return replace(self, poison=True, others=tuple(device.poisoned() for device in self.others))
 
 
 # The devices that are open in this process; see context.py for how long.
 _OPEN = OpenDevices()
 
 
-def _found() -> list[tuple[DeviceInfo, Any]]:
+def _described_devices() -> list[tuple[DeviceInfo, Any]]:
     _OPEN.check_process()
     try:
         platforms = cl.get_platforms()
     except cl.LogicError as error:
         raise DeviceError(_NO_DRIVER + install_line("pocl")) from error
-    found: list[tuple[DeviceInfo, Any]] = []
+    described: list[tuple[DeviceInfo, Any]] = []
     for p, platform in enumerate(platforms):
         try:
             devices = platform.get_devices()
         except cl.LogicError:
             continue  # some loaders list platforms without devices
         for d, device in enumerate(devices):
-            found.append((_describe(f"{p}:{d}", platform, device), device))
-    if not found:
+            described.append((_describe(f"{p}:{d}", platform, device), device))
+    if not described:
         raise DeviceError(_NO_DRIVER + install_line("pocl"))
-    return found
+    return described
 
 
 def _describe(index: str, platform: Any, device: Any) -> DeviceInfo:
@@ -138,25 +138,25 @@ def list_devices() -> list[DeviceInfo]:
         DeviceError: there is none (the message says what to install), or this process is a fork of
             one that had used OpenCL.
     """
-    return [info for info, _ in _found()]
+    return [info for info, _ in _described_devices()]
 
 
 def choose(
-    devices: list[DeviceInfo], wanted: str | None, failed: Collection[str] = ()
+    devices: list[DeviceInfo], request: str | None, failed: Collection[str] = ()
 ) -> tuple[int, str]:
     """Number in `devices` of the one that `open_device` opens, and the reason.
 
     Without a name, none of the `failed` is chosen, indices of devices that failed their check.
     """
-    if wanted is not None:
+    if request is not None:
         for number, info in enumerate(devices):
-            if wanted == info.index:
-                return number, f"requested as {wanted}"
+            if request == info.index:
+                return number, f"requested as {request}"
         for number, info in enumerate(devices):
-            if wanted.lower() in f"{info.platform} {info.name} {info.kind}".lower():
-                return number, f"the first whose name contains {wanted!r}"
-        known = "; ".join(f"{info.index} {info.name}" for info in devices)
-        raise DeviceError(f"device: {wanted!r} does not exist; allowed: {known}")
+            if request.lower() in f"{info.platform} {info.name} {info.kind}".lower():
+                return number, f"the first whose name contains {request!r}"
+        available = "; ".join(f"{info.index} {info.name}" for info in devices)
+        raise DeviceError(f"device: {request!r} does not exist; allowed: {available}")
     passed = [number for number, info in enumerate(devices) if info.index not in failed]
     without = f"; failed their check: {', '.join(sorted(failed))}" if failed else ""
     if not passed:
@@ -169,21 +169,23 @@ def choose(
     return best, f"no GPU here; the device with the most compute units{without}"
 
 
-def open_device(wanted: str | None = None, failed: Collection[str] = ()) -> Device:
+def open_device(request: str | None = None, failed: Collection[str] = ()) -> Device:
     """Opens a device, or several that share the work, as `cldit.opencl_device` without its check.
 
     `failed` are indices of devices that are not chosen without their name.
     """
-    found = _found()
-    if wanted is not None and "," in wanted:
-        names = [name.strip() for name in wanted.split(",")]
-        numbers = [choose([info for info, _ in found], name)[0] for name in names]
+    described = _described_devices()
+    if request is not None and "," in request:
+        names = [name.strip() for name in request.split(",")]
+        numbers = [choose([info for info, _ in described], name)[0] for name in names]
         if len(set(numbers)) < len(numbers):
-            raise DeviceError(f"device: {wanted!r} names one device more than once")
-        first, *others = (_open(*found[number], f"requested in {wanted}") for number in numbers)
-        return replace(first, others=tuple(others))
-    number, reason = choose([info for info, _ in found], wanted, failed)
-    return _open(*found[number], reason)
+            raise DeviceError(f"device: {request!r} names one device more than once")
+        main, *further = (
+            _open(*described[number], f"requested in {request}") for number in numbers
+        )
+        return replace(main, others=tuple(further))
+    number, reason = choose([info for info, _ in described], request, failed)
+    return _open(*described[number], reason)
 
 
 def split(device: Device, counts: Sequence[int]) -> Device:
@@ -199,11 +201,11 @@ def split(device: Device, counts: Sequence[int]) -> Device:
     described = (
         _describe(f"{device.info.index}.{n}", handle.platform, part) for n, part in enumerate(parts)
     )
-    first, *others = (
+    main, *further = (
         _open(replace(info, version=device.info.version), part, "a part of it", keep=False)
         for info, part in zip(described, parts, strict=True)
     )
-    return replace(first, others=tuple(others))
+    return replace(main, others=tuple(further))
 
 
 def _open(info: DeviceInfo, handle: Any, reason: str, *, keep: bool = True) -> Device:
@@ -227,7 +229,7 @@ def _version(info: DeviceInfo, handle: Any) -> str:
 def shares(device: Device, count: int) -> list[tuple[Device, range]]:
     """Range of `count` rows or pixels for each device, in proportion to its compute units."""
     devices = (device, *device.others)
-    units = [0, *itertools.accumulate(one.info.compute_units for one in devices)]
+    units = [0, *itertools.accumulate(member.info.compute_units for member in devices)]
     bounds = [round(count * unit / units[-1]) for unit in units]
     pairs = zip(devices, itertools.pairwise(bounds), strict=True)
-    return [(one, range(first, last)) for one, (first, last) in pairs]
+    return [(member, range(start, stop)) for member, (start, stop) in pairs]

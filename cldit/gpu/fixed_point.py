@@ -8,7 +8,7 @@ from cldit.gpu.buffers import Numbers, download
 from cldit.gpu.device import Device
 
 _BITS = 62  # of the bound; one more for rounding of each addition by half a unit, and the sign
-_LARGEST = 2.0**127
+_LARGEST = 2.0**127  # largest power of two in single precision
 _EXTENSION = "cl_khr_int64_base_atomics"
 
 

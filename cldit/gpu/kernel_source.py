@@ -18,17 +18,17 @@ def read_source(name: str) -> str:
     return entry.read_text(encoding="utf-8")
 
 
-def assemble(name: str, *, before: str = "") -> str:
+def assemble(name: str, *, preamble: str = "") -> str:
     """The source of a kernel with every `#include "x.h"` replaced by the file, once each.
 
-    before: text in front of it, which may include files too.
+    preamble: text in front of it, which may include files too.
 
-    `#line` directives make the compiler's messages name the right file and line; what a compiler
-    says of a line that it has counted itself is put right by `with_files`.
+    `#line` directives make the compiler's messages name the right file and line; `with_files`
+    corrects a line number that a compiler has counted itself.
     """
-    seen: set[str] = set()
-    first = _expand(f"before {name}", before, seen) if before else []
-    return "\n".join(first + _expand(name, read_source(name), seen)) + "\n"
+    included_files: set[str] = set()
+    head = _expand(f"before {name}", preamble, included_files) if preamble else []
+    return "\n".join(head + _expand(name, read_source(name), included_files)) + "\n"
 
 
 def with_files(log: str, source: str) -> str:
@@ -40,25 +40,25 @@ def with_files(log: str, source: str) -> str:
         if named := _LINE.match(line):
             file, number = named.group(2), int(named.group(1)) - 1
     return _COUNTED.sub(
-        lambda found: (
-            places[int(found.group(1))] if int(found.group(1)) < len(places) else found.group()
+        lambda match: (
+            places[int(match.group(1))] if int(match.group(1)) < len(places) else match.group()
         ),
         log,
     )
 
 
-def _expand(name: str, text: str, seen: set[str]) -> list[str]:
-    seen.add(name)
+def _expand(name: str, source: str, included_files: set[str]) -> list[str]:
+    included_files.add(name)
     out = [f'#line 1 "kernels/{name}"']
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(source.splitlines(), start=1):
         match = _INCLUDE.match(line)
         if match is None:
             out.append(line)
             continue
         included = match.group(1)
-        if included not in seen:
+        if included not in included_files:
             try:
-                out += _expand(included, read_source(included), seen)
+                out += _expand(included, read_source(included), included_files)
             except KernelError as error:
                 raise KernelError(f"kernels/{name}:{number}: {error}") from error
         out.append(f'#line {number + 1} "kernels/{name}"')

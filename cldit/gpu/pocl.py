@@ -80,13 +80,15 @@ def name_processor(device: Any, mistaken: bytes, flags: frozenset[str]) -> bytes
         version = device.version.strip().encode()
         place = next(
             place
-            for place, (before, here) in enumerate(itertools.pairwise(texts), 1)
-            if here == mistaken and before and version.endswith(b"-" + before + b"-" + mistaken)
+            for place, (triple, processor) in enumerate(itertools.pairwise(texts), 1)
+            if processor == mistaken
+            and triple
+            and version.endswith(b"-" + triple + b"-" + mistaken)
         )
-        text = ctypes.create_string_buffer(name)
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(text))  # PoCL reads it until the process ends
+        buffer = ctypes.create_string_buffer(name)
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(buffer))  # PoCL reads it until the process ends
         where = device.int_ptr + place * _POINTER.size
-        os.pwrite(memory, _POINTER.pack(ctypes.addressof(text)), where)
+        os.pwrite(memory, _POINTER.pack(ctypes.addressof(buffer)), where)
     except (OSError, StopIteration):
         return None
     finally:

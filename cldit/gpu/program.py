@@ -65,7 +65,7 @@ class Program:
     build_s: float
     build_core_s: float
     built: Compiled
-    _own: threading.local = field(default_factory=threading.local, repr=False, compare=False)
+    _thread: threading.local = field(default_factory=threading.local, repr=False, compare=False)
 
     @property
     def real(self) -> type[np.floating]:
@@ -95,12 +95,14 @@ class Program:
                 of NumPy in the kernel's own type. Others raise KernelError.
             offset: of the first work-item.
         """
-        made, signature = self._kernel(kernel)
-        made.set_args(*signature.values(arguments))
-        whole = size
+        kernel_object, signature = self._kernel(kernel)
+        kernel_object.set_args(*signature.values(arguments))
+        global_size = size
         if group is not None:
-            whole = tuple(-(-items // each) * each for items, each in zip(size, group, strict=True))
-        cl.enqueue_nd_range_kernel(self.device.queue, made, whole, group, offset)
+            global_size = tuple(
+                -(-items // width) * width for items, width in zip(size, group, strict=True)
+            )
+        cl.enqueue_nd_range_kernel(self.device.queue, kernel_object, global_size, group, offset)
         self.watched(kernel, arguments)
 
     def launch_each(
@@ -116,16 +118,16 @@ class Program:
 
         varying, values: its name, and its value in each launch; the rest is as in `launch`.
         """
-        made, signature = self._kernel(kernel)
+        kernel_object, signature = self._kernel(kernel)
         number, values = signature.place(varying), list(values)
         if not values:
             return
         takes = signature.arguments[number].value
-        made.set_args(*signature.values({varying: values[0], **arguments}))
+        kernel_object.set_args(*signature.values({varying: values[0], **arguments}))
         queue = self.device.queue
         for size, value in zip(sizes, values, strict=True):
-            made.set_arg(number, takes(value))
-            cl.enqueue_nd_range_kernel(queue, made, (size,), (group,))
+            kernel_object.set_arg(number, takes(value))
+            cl.enqueue_nd_range_kernel(queue, kernel_object, (size,), (group,))
         self.watched(kernel, arguments)
 
     def watched(self, kernel: str, arguments: Mapping[str, Any]) -> None:
@@ -146,28 +148,32 @@ class Program:
     ) -> "Launch":
         """A launch that is repeated, with its arguments set once; see `launch`."""
         signature = self._kernel(kernel)[1]
-        own = cl.Kernel(self.built.program, kernel)
-        own.set_args(*signature.values(arguments))
-        whole = size
+        kernel_object = cl.Kernel(self.built.program, kernel)
+        kernel_object.set_args(*signature.values(arguments))
+        global_size = size
         if group is not None:
-            whole = tuple(-(-items // each) * each for items, each in zip(size, group, strict=True))
-        return Launch(self, self.device.queue, own, signature, whole, group, dict(arguments))
+            global_size = tuple(
+                -(-items // width) * width for items, width in zip(size, group, strict=True)
+            )
+        return Launch(
+            self, self.device.queue, kernel_object, signature, global_size, group, dict(arguments)
+        )
 
     def _kernel(self, name: str) -> tuple[Any, Signature]:
         """The kernel object of this thread (arguments stay set in it), and its signature."""
-        kernels: dict[str, tuple[Any, Signature]] = self._own.__dict__
+        kernels: dict[str, tuple[Any, Signature]] = self._thread.__dict__
         if name not in kernels:
-            arguments, known = self.built.arguments, self.built.signatures
+            arguments, signatures = self.built.arguments, self.built.signatures
             if name not in arguments:
                 has = ", ".join(arguments)
                 raise KernelError(f"kernels/{self.name}: no kernel {name}; it has {has}")
             handle = self.device.opened.handle
-            if name not in known:
+            if name not in signatures:
                 check_room(handle)  # PoCL compiles once more at the first launch
-            made = cl.Kernel(self.built.program, name)
-            if name not in known:
-                known[name] = Signature.of(made, arguments[name], handle, self.real)
-            kernels[name] = made, known[name]
+            kernel_object = cl.Kernel(self.built.program, name)
+            if name not in signatures:
+                signatures[name] = Signature.of(kernel_object, arguments[name], handle, self.real)
+            kernels[name] = kernel_object, signatures[name]
         return kernels[name]
 
 
@@ -177,12 +183,18 @@ def _literal(value: Define) -> str:
     return str(value)
 
 
-def build(device: Device, name: str, defines: Mapping[str, Define], *, before: str = "") -> Program:
-    """Builds kernels/NAME with these defines, of which floats become single-precision literals.
+def build(
+    device: Device, name: str, defines: Mapping[str, Define], *, preamble: str = ""
+) -> Program:
+    """Builds kernels/NAME with those defines that its source names, so that others build nothing
+    anew; floats become single-precision literals.
 
-    `before` is OpenCL C in front of it, see `assemble`. Raises KernelError with the compiler's log.
+    `preamble` is OpenCL C in front of it, see `assemble`. Raises KernelError with the compiler's
+    log.
     """
-    source = assemble(name, before=before)
+    source = assemble(name, preamble=preamble)
+    named = set(re.findall(r"\w+", source))
+    defines = {key: value for key, value in defines.items() if key in named}
     # PoCL's cache is by text and options, whichever processor the program was compiled for.
     built_for = re.sub(r"\W+", "_", device.info.version)
     options = [f"-D{key}={_literal(value)}" for key, value in sorted(defines.items())]

@@ -55,33 +55,35 @@ class Argument:
             )
         return cls(name, kind, dtype, int(match[2] or 1), bool(match[3]))
 
-    def value(self, given: Any) -> Any:
-        """The value to set: `given`, where a Python number gets the argument's type.
+    def value(self, value: Any) -> Any:
+        """The value to set: `value`, where a Python number gets the argument's type.
 
         Raises TypeError if it does not fit.
         """
-        own, found = np.dtype(self.dtype), getattr(given, "dtype", type(given).__name__)
+        expected, actual = np.dtype(self.dtype), getattr(value, "dtype", type(value).__name__)
         if self.buffer:
-            if not isinstance(given, cl.MemoryObject):
-                raise TypeError(f"is a {found}; expected: a buffer, {self.kind}")
-            if getattr(given, "dtype", self.dtype) is not self.dtype:
-                raise TypeError(f"is a buffer of {np.dtype(found)}; expected: {own}, {self.kind}")
-            return given
+            if not isinstance(value, cl.MemoryObject):
+                raise TypeError(f"is a {actual}; expected: a buffer, {self.kind}")
+            if getattr(value, "dtype", self.dtype) is not self.dtype:
+                raise TypeError(
+                    f"is a buffer of {np.dtype(actual)}; expected: {expected}, {self.kind}"
+                )
+            return value
         if self.width > 1:
-            if found != self.dtype or given.shape != (self.width,):
-                shape, many = np.shape(given), f"an array of {self.width} {own}"
-                raise TypeError(f"is {found} {shape}; expected: {many}, {self.kind}")
-            return given
-        if type(given) is self.dtype:
-            return given
-        whole = issubclass(self.dtype, np.integer)
-        if type(given) is int or (type(given) is float and not whole):
+            if actual != self.dtype or value.shape != (self.width,):
+                shape, vector = np.shape(value), f"an array of {self.width} {expected}"
+                raise TypeError(f"is {actual} {shape}; expected: {vector}, {self.kind}")
+            return value
+        if type(value) is self.dtype:
+            return value
+        is_integer = issubclass(self.dtype, np.integer)
+        if type(value) is int or (type(value) is float and not is_integer):
             with suppress(OverflowError):
-                out = self.dtype(given)
-                if not whole or int(out) == given:
+                out = self.dtype(value)
+                if not is_integer or int(out) == value:
                     return out
-            raise TypeError(f"is {given}; expected: {own}, {self.kind}")
-        raise TypeError(f"is a {type(given).__name__}; expected: {own}, {self.kind}")
+            raise TypeError(f"is {value}; expected: {expected}, {self.kind}")
+        raise TypeError(f"is a {type(value).__name__}; expected: {expected}, {self.kind}")
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ class Signature:
         name, limit = kernel.function_name, cl.kernel_work_group_info.WORK_GROUP_SIZE
         return cls(
             name,
-            tuple(Argument.of(name, *each, real) for each in arguments),
+            tuple(Argument.of(name, *name_and_type, real) for name_and_type in arguments),
             int(kernel.get_work_group_info(limit, device)),
         )
 
@@ -109,20 +111,20 @@ class Signature:
                 return number
         raise KernelError(f"kernel {self.kernel}: has no argument {name}; {self._takes()}")
 
-    def values(self, given: Mapping[str, Any]) -> list[Any]:
+    def values(self, values: Mapping[str, Any]) -> list[Any]:
         """Values of the arguments in order; raises KernelError if one is missing, unknown, or of
         the wrong type."""
         names = [argument.name for argument in self.arguments]
-        if given.keys() != set(names):
-            missing = [name for name in names if name not in given]
-            unknown = [name for name in given if name not in names]
-            wrong = [f"misses {', '.join(missing)}"] if missing else []
-            wrong += [f"has no argument {', '.join(unknown)}"] if unknown else []
-            raise KernelError(f"kernel {self.kernel}: {' and '.join(wrong)}; {self._takes()}")
+        if values.keys() != set(names):
+            missing = [name for name in names if name not in values]
+            unknown = [name for name in values if name not in names]
+            faults = [f"misses {', '.join(missing)}"] if missing else []
+            faults += [f"has no argument {', '.join(unknown)}"] if unknown else []
+            raise KernelError(f"kernel {self.kernel}: {' and '.join(faults)}; {self._takes()}")
         out = []
         for argument in self.arguments:
             try:
-                out.append(argument.value(given[argument.name]))
+                out.append(argument.value(values[argument.name]))
             except TypeError as error:
                 raise KernelError(
                     f"kernel {self.kernel}: argument {argument.name}: {error}"
@@ -130,4 +132,6 @@ class Signature:
         return out
 
     def _takes(self) -> str:
-        return "it takes " + ", ".join(f"{one.kind} {one.name}" for one in self.arguments)
+        return "it takes " + ", ".join(
+            f"{argument.kind} {argument.name}" for argument in self.arguments
+        )

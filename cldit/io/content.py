@@ -14,8 +14,8 @@ from cldit.io.files import open_regular
 
 def digest(*parts: Any) -> str:
     """24 hexadecimal digits of plain data; the order of mappings' keys is irrelevant."""
-    text = json.dumps(parts, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:24]
+    serialised = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.sha256(serialised.encode()).hexdigest()[:24]
 
 
 @cache
@@ -24,14 +24,14 @@ def code_digest(*packages: str) -> str:
 
     A stored result is no longer found once the code that makes it has changed.
     """
-    found = hashlib.sha256(version("cldit").encode())
+    hasher = hashlib.sha256(version("cldit").encode())
     for package in sorted(packages):
         root = Path(str(resources.files(f"cldit.{package}")))
         for path in sorted(root.rglob("*")):
             if path.suffix in (".py", ".cl", ".h", ".csv", ".yaml"):
-                found.update(path.relative_to(root).as_posix().encode())
-                found.update(path.read_bytes())
-    return found.hexdigest()[:24]
+                hasher.update(path.relative_to(root).as_posix().encode())
+                hasher.update(path.read_bytes())
+    return hasher.hexdigest()[:24]
 
 
 def file_content(paths: Sequence[Path]) -> list[Any]:
@@ -46,9 +46,9 @@ def file_content(paths: Sequence[Path]) -> list[Any]:
                 content.append(hashlib.file_digest(stream, "sha256").hexdigest())
         if path.exists():
             root = path if path.is_dir() else path.parent
-            near = sorted(root.rglob("*")) if path.is_dir() else sorted(root.iterdir())
-            for each in near:
-                if each.is_file():
-                    status = each.stat()
-                    content.append([str(each), status.st_size, status.st_mtime_ns])
+            listing = sorted(root.rglob("*")) if path.is_dir() else sorted(root.iterdir())
+            for entry in listing:
+                if entry.is_file():
+                    status = entry.stat()
+                    content.append([str(entry), status.st_size, status.st_mtime_ns])
     return content

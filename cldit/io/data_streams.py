@@ -34,11 +34,11 @@ class PatientStream(io.FileIO):
 
     def write(self, data: Any) -> int:
         """Writes or drops all of `data`."""
-        left = memoryview(data)
-        size = left.nbytes
+        remaining = memoryview(data)
+        size = remaining.nbytes
         try:
-            while left and self._failed is None:
-                left = left[super().write(left) :]
+            while remaining and self._failed is None:
+                remaining = remaining[super().write(remaining) :]
         except OSError as error:
             self._failed = error
         return size

@@ -24,7 +24,7 @@ def write_sealed(path: Path, data: Mapping[str, Any], files: Iterable[Path]) -> 
     """Writes `data` as JSON, with the digests of `files` below its folder and its own."""
     names = {file.relative_to(path.parent).as_posix(): sha256_of(file) for file in sorted(files)}
     plain = parse_json(json.dumps(data))
-    sealed = {**plain, _KEY: {**names, "": _own(plain, names)}}
+    sealed = {**plain, _KEY: {**names, "": _seal(plain, names)}}
     write_text(path, json.dumps(sealed, indent=2))
 
 
@@ -38,22 +38,23 @@ def read_sealed(path: Path) -> tuple[dict[str, Any], bool]:
         return data, False
     if not isinstance(digests, dict):
         raise RunFolderError(f"{path}: is damaged ({_KEY} is no section)")
-    own = digests.pop("", None)
-    if own != _own(data, digests):
+    seal = digests.pop("", None)
+    if seal != _seal(data, digests):
         raise _damaged(path, path)
     for name, digest in digests.items():
         try:
-            whole = sha256_of(path.parent / name) == digest
+            intact = sha256_of(path.parent / name) == digest
         except FileError as error:
             raise RunFolderError(str(error)) from error
-        if not whole:
+        if not intact:
             raise _damaged(path.parent / name, path)
     return data, True
 
 
-def _own(data: Mapping[str, Any], names: Mapping[str, str]) -> str:
-    text = json.dumps([data, names], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+def _seal(data: Mapping[str, Any], names: Mapping[str, str]) -> str:
+    """Digest of the data and of the digests of the files."""
+    serialised = json.dumps([data, names], sort_keys=True)
+    return hashlib.sha256(serialised.encode()).hexdigest()
 
 
 def _damaged(file: Path, path: Path) -> RunFolderError:

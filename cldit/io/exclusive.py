@@ -19,14 +19,14 @@ def is_empty(folder: Path) -> bool:
     """True if nothing exists at a path, or a folder that contains at most a lock."""
     if not folder.is_dir():
         return not folder.exists()
-    return all(each.name == LOCK for each in folder.iterdir())
+    return all(entry.name == LOCK for entry in folder.iterdir())
 
 
 @contextmanager
-def exclusive(folder: Path, what: str, *, nested: bool = False) -> Iterator[None]:
+def exclusive(folder: Path, writer: str, *, nested: bool = False) -> Iterator[None]:
     """Locks a folder against others that write to it.
 
-    `what` names the writer in the message; with `nested`, a thread that has the lock already goes
+    `writer` names the work in the message; with `nested`, a thread that has the lock already goes
     on. Raises RunFolderError if it is locked or cannot be made.
     """
     new = not folder.exists()
@@ -41,7 +41,7 @@ def exclusive(folder: Path, what: str, *, nested: bool = False) -> Iterator[None
             lock.acquire(timeout=0)
         except Timeout:
             raise RunFolderError(
-                f"{folder}: another {what} is running here; wait for it or choose another folder"
+                f"{folder}: another {writer} is running here; wait for it or choose another folder"
             ) from None
     _MINE.add(key)
     try:

@@ -96,8 +96,8 @@ def whole(path: Path, *, sync: bool = True, needed_bytes: int = 0) -> Iterator[P
     """
     with written(path, needed_bytes=needed_bytes):
         _sweep(path.parent)
-        own = f"{_HOST}-{os.getpid()}-{threading.get_ident()}"
-        part = path.with_name(f"{path.name}.{own}.part")
+        writer_id = f"{_HOST}-{os.getpid()}-{threading.get_ident()}"
+        part = path.with_name(f"{path.name}.{writer_id}.part")
         try:
             yield part
             if sync:
@@ -139,19 +139,19 @@ def write_bytes(path: Path, data: bytes | memoryview, *, sync: bool = True) -> N
         part.write_bytes(data)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, content: str) -> None:
     """Writes a text as UTF-8; raises as `write_bytes`."""
-    write_bytes(path, text.encode())
+    write_bytes(path, content.encode())
 
 
-def append_text(path: Path, text: str) -> None:
+def append_text(path: Path, content: str) -> None:
     """Appends a text, all of it or nothing, synced to the disk; raises as `written`."""
     with written(path), path.open("ab", buffering=0) as stream:
         end = stream.seek(0, os.SEEK_END)
         try:
-            left = memoryview(text.encode())
-            while left:
-                left = left[stream.write(left) or 0 :]
+            remaining = memoryview(content.encode())
+            while remaining:
+                remaining = remaining[stream.write(remaining) or 0 :]
             os.fsync(stream.fileno())
         except OSError:
             stream.truncate(end)
@@ -222,8 +222,8 @@ def natural_order(path: Path) -> list[tuple[str, int]]:
     """Key that sorts names by the numbers in them: frame_2 before frame_10."""
     parts = re.split(r"(\d+)", str(path))
     numbers = [*parts[1::2], "-1"]
-    found = [(text, int(number)) for text, number in zip(parts[::2], numbers, strict=True)]
-    return [*found, (str(path), -1)]  # file_1 and file_01
+    key = [(word, int(number)) for word, number in zip(parts[::2], numbers, strict=True)]
+    return [*key, (str(path), -1)]  # file_1 and file_01
 
 
 def check_regular(path: Path) -> None:

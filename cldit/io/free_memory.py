@@ -29,38 +29,38 @@ def _fields(path: Path) -> dict[str, int]:
 
 
 def _machine() -> Iterator[int]:
-    known = _fields(Path("/proc/meminfo"))
-    if "MemAvailable" in known:
-        yield known["MemAvailable"] * 1024
+    memory = _fields(Path("/proc/meminfo"))
+    if "MemAvailable" in memory:
+        yield memory["MemAvailable"] * 1024
 
 
 def _groups() -> Iterator[int]:
     """Rest of this process's control group and of each above it (version 2)."""
     try:
-        text = Path("/proc/self/cgroup").read_text(encoding="utf-8")
+        listing = Path("/proc/self/cgroup").read_text(encoding="utf-8")
     except OSError:
         return
-    own = next((line[3:] for line in text.splitlines() if line.startswith("0::")), None)
-    if own is None:
+    group_path = next((line[3:] for line in listing.splitlines() if line.startswith("0::")), None)
+    if group_path is None:
         return
-    here = _GROUPS / own.lstrip("/")
-    for group in [here, *here.parents]:
+    innermost = _GROUPS / group_path.lstrip("/")
+    for group in [innermost, *innermost.parents]:
         if not group.is_relative_to(_GROUPS):
             return
         try:
-            most = (group / "memory.max").read_text(encoding="utf-8").strip()
+            limit = (group / "memory.max").read_text(encoding="utf-8").strip()
             used = int((group / "memory.current").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue
-        if most.isdigit():
+        if limit.isdigit():
             # cached pages of files count as used, but are released on demand
-            yield max(int(most) - used + _fields(group / "memory.stat").get("inactive_file", 0), 0)
+            yield max(int(limit) - used + _fields(group / "memory.stat").get("inactive_file", 0), 0)
 
 
 def _limit() -> Iterator[int]:
     import resource  # missing on Windows
 
-    most, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if most != resource.RLIM_INFINITY:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY:
         taken = _fields(Path("/proc/self/status")).get("VmSize", 0) * 1024
-        yield max(most - taken, 0)
+        yield max(limit - taken, 0)

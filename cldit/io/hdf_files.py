@@ -16,7 +16,7 @@ from cldit.io.files import check_regular
 
 _ITSELF = "."
 _BLOCK = "%b"  # in names of sources: a number, from 0 as far as there are files
-_DEEPEST = 20  # sources of sources, links to links
+_DEEPEST = 20  # files in a chain of sources or links; a longer one is taken for a circle
 
 
 def check_links(
@@ -25,23 +25,23 @@ def check_links(
     """Checks all external links of an open file and of the files that they lead to, which are
     returned; these must exist if `complete`. Raises FileError, which names the file.
     """
-    seen = {path.resolve()} if _seen is None else _seen
-    found: set[Path] = set()
+    visited = {path.resolve()} if _seen is None else _seen
+    targets: set[Path] = set()
     for name, link in _external(file, set()):
-        other = _search(path, link.filename, "HDF5_EXT_PREFIX")
-        if other is None and complete:
+        target = _search(path, link.filename, "HDF5_EXT_PREFIX")
+        if target is None and complete:
             raise FileError(
                 f"{path}: {name}: is a link to {path.parent / link.filename}, which is missing"
             )
-        if other is None or other.resolve() in seen:
+        if target is None or target.resolve() in visited:
             continue
-        check_regular(other)
-        if len(seen) > _DEEPEST:
+        check_regular(target)
+        if len(visited) > _DEEPEST:
             raise FileError(f"{path}: more than {_DEEPEST} files are linked one to the other")
-        seen.add(other.resolve())
-        with _opened(path, name, other) as linked:
-            found |= {other} | check_links(other, linked, complete=complete, _seen=seen)
-    return found
+        visited.add(target.resolve())
+        with _opened(path, name, target) as linked:
+            targets |= {target} | check_links(target, linked, complete=complete, _seen=visited)
+    return targets
 
 
 def check_sources(path: Path, data: Any, *, complete: bool = True, _depth: int = 0) -> set[Path]:
@@ -50,20 +50,20 @@ def check_sources(path: Path, data: Any, *, complete: bool = True, _depth: int =
     must be `complete`, the number of chunks that were never written.
     """
     names = [os.fsdecode(name) for name, *_ in data.external or ()]
-    found = {_found(path, name, "HDF5_EXTFILE_PREFIX", data.name) for name in names}
+    sources = {_source_file(path, name, "HDF5_EXTFILE_PREFIX", data.name) for name in names}
     if not data.is_virtual:
         if complete and data.chunks is not None and data.size:
-            every = int(np.prod(-(-np.array(data.shape) // np.array(data.chunks))))
-            check_chunks(f"{path}: {data.name}", every, data.id.get_num_chunks())
-        return found
+            chunk_count = int(np.prod(-(-np.array(data.shape) // np.array(data.chunks))))
+            check_chunks(f"{path}: {data.name}", chunk_count, data.id.get_num_chunks())
+        return sources
     if _depth > _DEEPEST:
         raise FileError(f"{path}: {data.name}: is a virtual data set of itself")
     for source in data.virtual_sources():
         where = path
         if source.file_name != _ITSELF:
             name = source.file_name.replace(_BLOCK, "0")
-            where = _found(path, name, "HDF5_VDS_PREFIX", data.name)
-            found.add(where)
+            where = _source_file(path, name, "HDF5_VDS_PREFIX", data.name)
+            sources.add(where)
         with _opened(path, data.name, where) as file:
             part = file.get(source.dset_name.replace(_BLOCK, "0"))
             if part is None:
@@ -71,15 +71,16 @@ def check_sources(path: Path, data: Any, *, complete: bool = True, _depth: int =
                     f"{path}: {data.name}: {where} has no {source.dset_name}, its source"
                 )
             _check_extent(path, data.name, where, part, source)
-            found |= check_sources(where, part, complete=complete, _depth=_depth + 1)
-    return found
+            sources |= check_sources(where, part, complete=complete, _depth=_depth + 1)
+    return sources
 
 
-def check_chunks(where: str, every: int, written: int) -> None:
+def check_chunks(where: str, chunk_count: int, written: int) -> None:
     """Raises FileError if chunks of an array were never written; they would be read as zeros."""
-    if written < every:
+    if written < chunk_count:
         raise FileError(
-            f"{where}: {every - written} of {every} chunks are missing, and would be read as zeros"
+            f"{where}: {chunk_count - written} of {chunk_count} chunks are missing, and "
+            "would be read as zeros"
         )
 
 
@@ -93,7 +94,7 @@ def _check_extent(path: Path, name: str, where: Path, part: Any, source: Any) ->
             needed: tuple[int, ...] = (int(source.vspace.get_select_npoints()),)
             short = part.size < needed[0]
         else:
-            needed = tuple(int(last) + 1 for last in space.get_select_bounds()[1])
+            needed = tuple(int(bound) + 1 for bound in space.get_select_bounds()[1])
             short = len(needed) != part.ndim or bool(np.any(np.greater(needed, part.shape)))
     except (ValueError, RuntimeError):  # unlimited, or empty
         return
@@ -104,52 +105,52 @@ def _check_extent(path: Path, name: str, where: Path, part: Any, source: Any) ->
         )
 
 
-def _opened(path: Path, name: str, other: Path) -> Any:
+def _opened(path: Path, name: str, target: Path) -> Any:
     """Another file that `name` in a file refers to."""
     import h5py
 
     try:
-        return h5py.File(other, "r")
+        return h5py.File(target, "r")
     except OSError as error:
-        raise FileError(f"{path}: {name}: {other} cannot be read ({error})") from error
+        raise FileError(f"{path}: {name}: {target} cannot be read ({error})") from error
 
 
-def _external(group: Any, seen: set[Any]) -> Iterator[tuple[str, Any]]:
+def _external(group: Any, visited: set[Any]) -> Iterator[tuple[str, Any]]:
     """External links in a group and those below, with their names."""
     import h5py
 
-    seen.add(group.id)
+    visited.add(group.id)
     for key in group:
         link = group.get(key, getlink=True)
         if isinstance(link, h5py.ExternalLink):
             yield f"{group.name.rstrip('/')}/{key}", link
         elif isinstance(link, h5py.HardLink):
             item = group.get(key)
-            if isinstance(item, h5py.Group) and item.id not in seen:
-                yield from _external(item, seen)
+            if isinstance(item, h5py.Group) and item.id not in visited:
+                yield from _external(item, visited)
 
 
-def _found(path: Path, name: str, prefix: str, data: str) -> Path:
+def _source_file(path: Path, name: str, prefix: str, data: str) -> Path:
     """A regular file that is a source of a data set; raises FileError if it is missing."""
-    found = _search(path, name, prefix)
-    if found is None:
+    source = _search(path, name, prefix)
+    if source is None:
         raise FileError(
             f"{path}: {data}: its source {path.parent / name} is missing, and would be read as "
             "zeros"
         )
-    check_regular(found)
-    return found
+    check_regular(source)
+    return source
 
 
 def _search(path: Path, name: str, prefix: str) -> Path | None:
     """The file that HDF5 opens under a name in a file; None if there is none."""
-    asked = Path(name)
-    below = Path(asked.name) if asked.is_absolute() else asked
-    here = path.absolute().parent
-    prefixes = os.environ.get(prefix, "").replace("${ORIGIN}", str(here))
+    stated_path = Path(name)
+    below = Path(stated_path.name) if stated_path.is_absolute() else stated_path
+    file_folder = path.absolute().parent
+    prefixes = os.environ.get(prefix, "").replace("${ORIGIN}", str(file_folder))
     folders = [part for part in prefixes.split(":") if part]
-    places = [*(Path(folder) / below for folder in folders), here / below, below]
+    places = [*(Path(folder) / below for folder in folders), file_folder / below, below]
     places.append(path.resolve().parent / below)
-    if asked.is_absolute():
-        places.insert(0, asked)
+    if stated_path.is_absolute():
+        places.insert(0, stated_path)
     return next((place for place in places if place.exists()), None)

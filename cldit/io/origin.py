@@ -51,10 +51,10 @@ class FileRead:
     def of(cls, path: Path) -> FileRead:
         """Record of a file; OSError if it cannot be read."""
         with path.open("rb") as stream:
-            found = hashlib.file_digest(stream, "sha256").hexdigest()
+            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
         status = path.stat()
         modified = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="seconds")
-        return cls(str(path.resolve()), status.st_size, modified, found)
+        return cls(str(path.resolve()), status.st_size, modified, sha256)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> FileRead:
@@ -87,10 +87,12 @@ def files_read(paths: Iterable[Path]) -> tuple[FileRead, ...]:
     """Records of the files, and of all in folders, each once, in order; OSError if one cannot be
     read.
     """
-    found = (
-        each for path in paths for each in (sorted(path.rglob("*")) if path.is_dir() else (path,))
+    members = (
+        member
+        for path in paths
+        for member in (sorted(path.rglob("*")) if path.is_dir() else (path,))
     )
-    files = dict.fromkeys(each.resolve() for each in found if not each.is_dir())
+    files = dict.fromkeys(member.resolve() for member in members if not member.is_dir())
     return tuple(FileRead.of(path) for path in files)
 
 
@@ -161,11 +163,11 @@ class Origin:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that affect results, by name."""
-    found = {}
+    installed = {}
     for name in _COMPUTE:
         with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return {**found, "python": platform.python_version()}
+            installed[name] = version(name)
+    return {**installed, "python": platform.python_version()}
 
 
 @cache
@@ -182,13 +184,15 @@ def processor() -> str:
 @cache
 def code() -> dict[str, str]:
     """Digest of the sources by room of cldit, for those that compute an image."""
-    found = {}
+    digests = {}
     for room in ROOMS:
         digest = hashlib.sha256()
-        for path in sorted(_sources(resources.files(f"cldit.{room}")), key=lambda one: one.name):
+        for path in sorted(
+            _sources(resources.files(f"cldit.{room}")), key=lambda source: source.name
+        ):
             digest.update(path.name.encode() + path.read_bytes())
-        found[room] = digest.hexdigest()[:16]
-    return found
+        digests[room] = digest.hexdigest()[:16]
+    return digests
 
 
 def _sources(folder: Traversable) -> Iterator[Traversable]:
@@ -206,11 +210,11 @@ def commit() -> str | None:
     if not (root / ".git").exists():  # a folder above may be a checkout of something else
         return None
     try:
-        found = _git(root, "rev-parse", "HEAD")
+        revision = _git(root, "rev-parse", "HEAD")
         changed = _git(root, "status", "--porcelain", "--untracked-files=no")
     except (OSError, subprocess.SubprocessError):
         return None
-    return f"{found}+changes" if changed else found
+    return f"{revision}+changes" if changed else revision
 
 
 def _git(root: Path, *words: str) -> str:
@@ -228,8 +232,8 @@ def _command(words: Sequence[str]) -> tuple[str, ...]:
     """Command line without the folders of the program and of the user."""
     if not words or not words[0]:
         return ()
-    first = Path(words[0])
-    name = first.parent.name if first.name == "__main__.py" else first.name
+    program = Path(words[0])
+    name = program.parent.name if program.name == "__main__.py" else program.name
     home = os.path.expanduser("~")
     if len(home) < 2:
         return (name, *words[1:])

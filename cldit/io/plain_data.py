@@ -20,7 +20,7 @@ except ImportError:
     from yaml import SafeLoader  # type: ignore[assignment]
 
 _MOST_DEPTH = 100  # of nested lists and mappings; no file of cldit needs ten
-_MOST_ALIASED = 100_000  # values that aliases repeat in total
+_MOST_ALIASED = 100_000  # values that aliases repeat: some 10 MB, at 100 bytes of Python each
 _TAGS = frozenset(
     f"tag:yaml.org,2002:{name}"
     for name in ("str", "int", "float", "bool", "null", "seq", "map", "merge")
@@ -37,18 +37,20 @@ class _Loader(SafeLoader):
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         if node.tag not in _TAGS:
             raise _refused(node.start_mark, f"the tag {node.tag!r} is not allowed")
-        text = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
-        if node.tag in (_INT, _FLOAT) and ":" in text:
-            raise _refused(node.start_mark, f"{text} is a sexagesimal number in YAML; quote a text")
-        if node.tag == _INT and _OCTAL.fullmatch(text):
+        scalar = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
+        if node.tag in (_INT, _FLOAT) and ":" in scalar:
             raise _refused(
-                node.start_mark, f"{text} is octal in YAML; write it without the leading 0"
+                node.start_mark, f"{scalar} is a sexagesimal number in YAML; quote a text"
+            )
+        if node.tag == _INT and _OCTAL.fullmatch(scalar):
+            raise _refused(
+                node.start_mark, f"{scalar} is octal in YAML; write it without the leading 0"
             )
         try:
             return super().construct_object(node, deep=deep)
         except (ValueError, KeyError, AttributeError, OverflowError) as error:
             kind = node.tag.rpartition(":")[2]
-            short = text if len(text) <= 40 else f"{text[:37]}..."
+            short = scalar if len(scalar) <= 40 else f"{scalar[:37]}..."
             raise _refused(node.start_mark, f"{short} is no {kind}") from error
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -72,26 +74,26 @@ class _Dumper(yaml.SafeDumper):
 
 # A date would become an object that no key accepts, or an error: it is text.
 _Loader.yaml_implicit_resolvers = {
-    first: [each for each in resolvers if each[0] != _TIMESTAMP]
-    for first, resolvers in SafeLoader.yaml_implicit_resolvers.items()
+    letter: [resolver for resolver in resolvers if resolver[0] != _TIMESTAMP]
+    for letter, resolvers in SafeLoader.yaml_implicit_resolvers.items()
 }
 for _kind in (_Loader, _Dumper):  # numbers as in YAML 1.2: 4e-3 and 1.0e6 are text in 1.1
     _kind.add_implicit_resolver(_FLOAT, _EXPONENT, list("-+.0123456789"))
 
 
-def parse_yaml(text: str, *, source: str, error: type[ClditError] = SceneError) -> Any:
+def parse_yaml(document: str, *, source: str, error: type[ClditError] = SceneError) -> Any:
     """Data of a YAML text; an `error` names the `source`, the line and the fault."""
     try:
-        _check_events(text)
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as found:
-        mark = found.problem_mark or found.context_mark
+        _check_events(document)
+        return yaml.load(document, Loader=_Loader)
+    except yaml.MarkedYAMLError as fault:
+        mark = fault.problem_mark or fault.context_mark
         where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
-        what = found.problem or found.context
-        raise error(f"{source}: is not valid YAML ({where}{what})") from found
-    except yaml.YAMLError as found:
-        what = str(found).replace("\n", " ")
-        raise error(f"{source}: is not valid YAML ({what})") from found
+        problem = fault.problem or fault.context
+        raise error(f"{source}: is not valid YAML ({where}{problem})") from fault
+    except yaml.YAMLError as fault:
+        problem = str(fault).replace("\n", " ")
+        raise error(f"{source}: is not valid YAML ({problem})") from fault
 
 
 def dump_yaml(data: Any) -> str:
@@ -101,8 +103,8 @@ def dump_yaml(data: Any) -> str:
 
 def yaml_line(data: Any) -> str:
     """Plain data as YAML on one line of any length."""
-    how: dict[str, Any] = {"default_flow_style": True, "sort_keys": False, "width": 10**6}
-    return str(yaml.dump(data, Dumper=_Dumper, allow_unicode=True, **how)).strip()
+    style: dict[str, Any] = {"default_flow_style": True, "sort_keys": False, "width": 10**6}
+    return str(yaml.dump(data, Dumper=_Dumper, allow_unicode=True, **style)).strip()
 
 
 def yaml_value(value: Any) -> str:
@@ -113,10 +115,10 @@ def yaml_value(value: Any) -> str:
 def read_yaml(path: Path, *, error: type[ClditError] = SceneError) -> Any:
     """Data of a YAML file; raises `error` as `parse_yaml`, or if it cannot be read."""
     try:
-        text = read_text(path)
-    except FileError as found:
-        raise error(str(found)) from found
-    return parse_yaml(text, source=str(path), error=error)
+        document = read_text(path)
+    except FileError as fault:
+        raise error(str(fault)) from fault
+    return parse_yaml(document, source=str(path), error=error)
 
 
 def read_mapping(path: Path, *, error: type[ClditError] = SceneError) -> dict[str, Any]:
@@ -130,22 +132,22 @@ def read_mapping(path: Path, *, error: type[ClditError] = SceneError) -> dict[st
 def read_json(path: Path, *, error: type[ClditError] = RunFolderError) -> dict[str, Any]:
     """Object of a JSON file; raises `error` if it is unreadable, invalid, or not an object."""
     try:
-        text = read_text(path)
-    except FileError as found:
-        raise error(str(found)) from found
+        document = read_text(path)
+    except FileError as fault:
+        raise error(str(fault)) from fault
     try:
-        data = parse_json(text)
-    except ValueError as found:
-        raise error(f"{path}: is damaged ({found})") from found
+        data = parse_json(document)
+    except ValueError as fault:
+        raise error(f"{path}: is damaged ({fault})") from fault
     if not isinstance(data, dict):
         raise error(f"{path}: is damaged (contains {type(data).__name__}, expected an object)")
     return data
 
 
-def parse_json(text: str | bytes) -> Any:
+def parse_json(document: str | bytes) -> Any:
     """Data of a JSON text; ValueError if it is invalid or has a duplicate key."""
     try:
-        return json.loads(text, object_pairs_hook=_once)
+        return json.loads(document, object_pairs_hook=_once)
     except RecursionError as error:
         raise ValueError("lists or objects are nested too deep") from error
 
@@ -163,7 +165,7 @@ def _refused(mark: Any, problem: str) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
-def _check_events(text: str) -> None:
+def _check_events(document: str) -> None:
     """Refuses texts that would exhaust stack or memory, before anything is built.
 
     Sizes are counted in values, those of an alias as often as they are repeated.
@@ -171,7 +173,7 @@ def _check_events(text: str) -> None:
     sizes: dict[str | None, int] = {}
     within: list[tuple[str | None, int]] = [(None, 0)]  # anchor and size of what is open
     aliased = 0
-    for event in yaml.parse(text, Loader=SafeLoader):
+    for event in yaml.parse(document, Loader=SafeLoader):
         anchor = getattr(event, "anchor", None)
         size = 1
         match event:

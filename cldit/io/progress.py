@@ -6,5 +6,5 @@ Watch = Callable[[str, int, int], None]
 """Takes the name of the work, the number of parts done, and of all parts."""
 
 
-def silent(what: str, done: int, total: int) -> None:
-    """Ignores progress `what`, `done`, `total`."""
+def silent(work: str, done: int, total: int) -> None:
+    """Ignores the progress of `work`: `done` of `total` parts."""

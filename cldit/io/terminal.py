@@ -91,10 +91,10 @@ def silence(stream: TextIO) -> None:
         os.close(null)
 
 
-def tell(text: str, *, end: str = "\n") -> None:
+def tell(line: str, *, end: str = "\n") -> None:
     """Writes a text unchanged, and `end`, to the standard output at once."""
     if sys.stdout is not None:
-        sys.stdout.write(f"{text}{end}")
+        sys.stdout.write(f"{line}{end}")
         sys.stdout.flush()
 
 
@@ -105,11 +105,11 @@ def aside() -> Iterator[None]:
         yield
 
 
-def warn(text: str) -> None:
+def warn(line: str) -> None:
     """Writes a line to the standard error at once; a failure is ignored."""
     try:
         if sys.stderr is not None:
-            sys.stderr.write(f"{text}\n")
+            sys.stderr.write(f"{line}\n")
             sys.stderr.flush()
     except (OSError, ValueError):
         silence(sys.stderr)

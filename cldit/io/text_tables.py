@@ -64,23 +64,25 @@ def split_cells(line: str) -> tuple[list[str], str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells, between
 
 
-def number_table(text: str) -> NumberTable:
+def number_table(table: str) -> NumberTable:
     """Numbers of a table with one row per line; the lines above the first full row are its header.
 
     A line of numbers above a full row is a header only if it is another size line of the table,
     `columns rows`. Raises ValueError if there are no numbers, or a line below the header has
     anything else, or another count of numbers.
     """
-    found: list[tuple[int, str, str | None, list[float] | None]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        found.append((number, line, *_numbers(line)))
-    widest = max((len(values) for *_, values in found if values), default=0)
+    parsed_lines: list[tuple[int, str, str | None, list[float] | None]] = []
+    for number, line in enumerate(table.splitlines(), start=1):
+        parsed_lines.append((number, line, *_numbers(line)))
+    widest = max((len(values) for *_, values in parsed_lines if values), default=0)
     if not widest:
         raise ValueError("has no line of numbers")
-    begin = next(n for n, (*_, values) in enumerate(found) if values and len(values) == widest)
+    begin = next(
+        n for n, (*_, values) in enumerate(parsed_lines) if values and len(values) == widest
+    )
     rows: list[NumberRow] = []
     block = 0
-    for number, line, label, values in found[begin:]:
+    for number, line, label, values in parsed_lines[begin:]:
         if not line.strip():
             block += bool(rows) and rows[-1].block == block
             continue
@@ -90,7 +92,7 @@ def number_table(text: str) -> NumberTable:
             raise ValueError(f"line {number}: {len(values)} numbers, expected {widest}")
         rows.append(NumberRow(number, label, values, block))
     header = []
-    for number, line, label, values in found[:begin]:
+    for number, line, label, values in parsed_lines[:begin]:
         if values and label is None and values != [widest, len(rows)]:
             raise ValueError(f"line {number}: {len(values)} numbers, expected {widest}")
         header += [line.strip()] if line.strip() else []

@@ -79,10 +79,10 @@ def _arrays(fields: Mapping[str, Array], *, tuples: bool = False) -> str:
 def _array(name: str, values: Array, *, tuples: bool = False) -> str:
     kind = values.dtype.str[1:]
     data = values.astype("<" + kind).tobytes()
-    text = base64.b64encode(np.array([len(data)], dtype="<u8").tobytes() + data).decode("ascii")
+    encoded = base64.b64encode(np.array([len(data)], dtype="<u8").tobytes() + data).decode("ascii")
     width = values.shape[1] if values.ndim == 2 else 1
-    many = f' NumberOfTuples="{len(values)}"' if tuples else ""
+    tuple_count = f' NumberOfTuples="{len(values)}"' if tuples else ""
     return (
-        f'<DataArray type="{_TYPES[kind]}" Name="{name}" NumberOfComponents="{width}"{many} '
-        f'format="binary">{text}</DataArray>'
+        f'<DataArray type="{_TYPES[kind]}" Name="{name}" NumberOfComponents="{width}"{tuple_count} '
+        f'format="binary">{encoded}</DataArray>'
     )

@@ -63,33 +63,33 @@ class Kernel:
         covariance = np.zeros((len(place), 3, 3))
         filled = parcels.droplets > 0
         # Neighbours are distinct places: parcels in one place would only have each other.
-        there, which = np.unique(place[filled], axis=0, return_inverse=True)
-        if len(there) > 1:
-            moved, spread = self._clouds(there)
-            place[filled], covariance[filled] = moved[which], spread[which]
+        distinct, copy = np.unique(place[filled], axis=0, return_inverse=True)
+        if len(distinct) > 1:
+            moved, spread = self._clouds(distinct)
+            place[filled], covariance[filled] = moved[copy], spread[copy]
         clouds = replace(parcels, position_m=place, extent=Cloud(covariance))
         return smeared(clouds, self.exposure_s)
 
-    def _clouds(self, there: Floats) -> tuple[Floats, Floats]:
+    def _clouds(self, places: Floats) -> tuple[Floats, Floats]:
         """New position (N, 3) of each place (N, 3), and its covariance (N, 3, 3)."""
-        count = min(self.neighbours, len(there))
-        most = _WIDEST**2 * float(there.var(axis=0).sum())
-        tree = cKDTree(there)
-        moved, covariance = np.empty_like(there), np.empty((len(there), 3, 3))
-        for start in range(0, len(there), _AT_ONCE):
-            mine = slice(start, start + _AT_ONCE)
-            around = there[tree.query(there[mine], count, workers=-1)[1]]
-            mean = around.mean(axis=1)
-            apart = around - mean[:, None]
-            spread = np.matmul(apart.transpose(0, 2, 1), apart) / (count - 1)
+        count = min(self.neighbours, len(places))
+        limit = _WIDEST**2 * float(places.var(axis=0).sum())
+        tree = cKDTree(places)
+        moved, covariance = np.empty_like(places), np.empty((len(places), 3, 3))
+        for start in range(0, len(places), _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            neighbours = places[tree.query(places[part], count, workers=-1)[1]]
+            mean = neighbours.mean(axis=1)
+            offset = neighbours - mean[:, None]
+            spread = np.matmul(offset.transpose(0, 2, 1), offset) / (count - 1)
             trace = np.trace(spread, axis1=1, axis2=2)
             even = trace[:, None, None] / 3 * np.eye(3)
-            width2 = np.minimum(self.width**2, most / trace)
-            covariance[mine] = width2[:, None, None] * ((1 - _ROUND) * spread + _ROUND * even)
+            width2 = np.minimum(self.width**2, limit / trace)
+            covariance[part] = width2[:, None, None] * ((1 - _ROUND) * spread + _ROUND * even)
             # An isolated place has no gradient: it moves by less than its neighbours are wide.
-            step = mean - there[mine]
+            step = mean - places[part]
             step *= np.minimum(1.0, np.sqrt(trace) / np.maximum(_length(step), 1e-30))[:, None]
-            moved[mine] = there[mine] + width2[:, None] / 2 * step
+            moved[part] = places[part] + width2[:, None] / 2 * step
         return moved, covariance
 
 
@@ -127,16 +127,16 @@ def halves(parcels: Parcels, *, seed: int, copies: int = 1) -> tuple[Parcels, Pa
     if len(filled) < 2:
         raise MediumError(f"halves: {len(filled)} parcels with droplets, at least 2 are needed")
     filled = filled[filled < len(parcels.droplets) // copies]
-    first = np.zeros(len(parcels.droplets) // copies, bool)
-    first[np.random.default_rng(seed).permutation(filled)[: len(filled) // 2]] = True
-    first = np.tile(first, copies)
-    whole = parcels.mass_kg
+    chosen = np.zeros(len(parcels.droplets) // copies, bool)
+    chosen[np.random.default_rng(seed).permutation(filled)[: len(filled) // 2]] = True
+    chosen = np.tile(chosen, copies)
+    total_kg = parcels.mass_kg
 
     def weighted(half: Parcels) -> Parcels:
         # By mass instead of 2: the mass of the spray is known, and has no sampling error.
-        return replace(half, droplets=half.droplets * (whole / half.mass_kg))
+        return replace(half, droplets=half.droplets * (total_kg / half.mass_kg))
 
-    return weighted(parcels.take(first)), weighted(parcels.take(~first))
+    return weighted(parcels.take(chosen)), weighted(parcels.take(~chosen))
 
 
 def copies_of(spray: Spray) -> int:
@@ -168,13 +168,13 @@ def variants(spray: Spray, *, kernel: Kernel, seed: int) -> Variants:
     """
     if spray.parcels is None:
         raise MediumError("variants: the spray has no parcels")
-    whole = kernel.spread(spray.parcels)
-    first, second = (
+    clouds = kernel.spread(spray.parcels)
+    one_half, rest = (
         kernel.spread(half) for half in halves(spray.parcels, seed=seed, copies=copies_of(spray))
     )
     narrow = replace(kernel, width=kernel.width / 2**0.5).spread(spray.parcels)
     return Variants(
-        whole=replace(spray, parcels=whole),
-        halves=(replace(spray, parcels=first), replace(spray, parcels=second)),
+        whole=replace(spray, parcels=clouds),
+        halves=(replace(spray, parcels=one_half), replace(spray, parcels=rest)),
         narrower=replace(spray, parcels=narrow),
     )

@@ -37,25 +37,25 @@ class Touched:
         return np.asarray(slot * CELLS_PER_BRICK + local)
 
 
-def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
+def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, content: str) -> Ints:
     """Finest cell (N, 3) of every point (N, 3).
 
-    Raises MediumError, which names `what`, if part of `amount` (N,) is outside the cube.
+    Raises MediumError, which names `content`, if part of `amount` (N,) is outside the cube.
     """
     place = frame.to_cells(position_m)
     outside = np.any((place < 0) | (place > frame.cells), axis=1) & (amount > 0)
     if np.any(outside):
         share = float(amount[outside].sum() / amount.sum())
         _refuse(
-            frame, what, share, position_m[outside].min(axis=0), position_m[outside].max(axis=0)
+            frame, content, share, position_m[outside].min(axis=0), position_m[outside].max(axis=0)
         )
     return np.clip(np.floor(place).astype(np.int64), 0, frame.cells - 1)
 
 
-def _refuse(frame: Frame, what: str, share: float, low: Floats, high: Floats) -> None:
+def _refuse(frame: Frame, content: str, share: float, low: Floats, high: Floats) -> None:
     corner = np.asarray(frame.lower_m)
     raise MediumError(
-        f"{100 * share:.3g} % of the {what} is outside the domain: at "
+        f"{100 * share:.3g} % of the {content} is outside the domain: at "
         f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m; the cube reaches from "
         f"{np.round(corner, 4).tolist()} to {np.round(corner + frame.edge_m, 4).tolist()} m; "
         "enlarge domain.edge_m or move domain.centre_m"
@@ -78,11 +78,11 @@ class PlacedBoxes:
 
     @classmethod
     def place(
-        cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str, device: Device | None
+        cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, content: str, device: Device | None
     ) -> "PlacedBoxes":
         """Boxes (N, 3) in the cube.
 
-        Raises MediumError, which names `what`, if a box reaches out of the cube.
+        Raises MediumError, which names `content`, if a box reaches out of the cube.
         """
         lower, upper = frame.to_cells(lower_m), frame.to_cells(upper_m)
         slack = _OUTSIDE * frame.cells + _OUTSIDE * np.abs(lower).max(initial=0.0)
@@ -90,36 +90,36 @@ class PlacedBoxes:
             outside = np.any((lower < -slack) | (upper > frame.cells + slack), axis=1)
             _refuse(
                 frame,
-                f"{what} (cells)",
+                f"{content} (cells)",
                 float(np.mean(outside)),
                 lower_m[outside].min(axis=0),
                 upper_m[outside].max(axis=0),
             )
-        for each in (lower, upper):
-            np.clip(each, 0, frame.cells, out=each)
+        for corner in (lower, upper):
+            np.clip(corner, 0, frame.cells, out=corner)
         return cls(lower, upper, None, frame.cells, device)
 
     def span(self) -> tuple[Ints, Ints]:
         """First finest cell and number of finest cells that each box touches, (N, 3) both."""
         # A face on a cell face, to within rounding, does not touch the cell beyond it.
-        first = np.floor(self.lower + 1e-6).astype(np.int64)
-        last = np.ceil(self.upper - 1e-6).astype(np.int64)
-        return first, np.maximum(last - first, 1)
+        begin = np.floor(self.lower + 1e-6).astype(np.int64)
+        end = np.ceil(self.upper - 1e-6).astype(np.int64)
+        return begin, np.maximum(end - begin, 1)
 
     def overlaps(self) -> Iterator[tuple[Ints, Ints, Floats]]:
         """Yields chunks of (box, finest cell (N, 3), share of the box in it); shares sum to 1."""
-        first, count = self.span()
+        begin, count = self.span()
         pairs = np.prod(count, axis=1)
         ends = np.cumsum(pairs)
         start = 0
         while start < len(pairs):
             done = ends[start - 1] if start else 0
             stop = max(start + 1, int(np.searchsorted(ends, done + _PAIRS_AT_ONCE, "right")))
-            yield self._chunk(start, stop, first, count, pairs)
+            yield self._chunk(start, stop, begin, count, pairs)
             start = stop
 
     def _chunk(
-        self, start: int, stop: int, first: Ints, count: Ints, pairs: Ints
+        self, start: int, stop: int, begin: Ints, count: Ints, pairs: Ints
     ) -> tuple[Ints, Ints, Floats]:
         box = np.repeat(np.arange(start, stop), pairs[start:stop])
         within = np.arange(len(box)) - np.repeat(
@@ -129,7 +129,7 @@ class PlacedBoxes:
         share = np.ones(len(box))
         for axis in range(3):
             within, step = np.divmod(within, count[box, axis])
-            cell[:, axis] = first[box, axis] + step
+            cell[:, axis] = begin[box, axis] + step
             low = np.maximum(self.lower[box, axis], cell[:, axis])
             high = np.minimum(self.upper[box, axis], cell[:, axis] + 1)
             # The neighbour receives a sliver outside the span in full.
@@ -143,13 +143,13 @@ class PlacedBoxes:
         if self.device is not None:
             self._rasteriser.mark(mark)
             return
-        first, count = self.span()
-        for low, high in zip(first // BRICK, (first + count - 1) // BRICK + 1, strict=True):
+        begin, count = self.span()
+        for low, high in zip(begin // BRICK, (begin + count - 1) // BRICK + 1, strict=True):
             mark[low[2] : high[2], low[1] : high[1], low[0] : high[0]] = True
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,), spread uniformly over its box, to its target (S,)."""
-        amounts = _together(amounts, self.shared)
+        amounts = _summed(amounts, self.shared)
         if self.device is not None:
             self._rasteriser.add(touched.directory, amounts, targets)
             return
@@ -164,8 +164,8 @@ class PlacedBoxes:
         return BoxRasteriser.of(self.device, self.lower, self.upper, self.span(), self.cells)
 
 
-def _together(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
-    return amounts if shared is None else [np.add.reduceat(one, shared) for one in amounts]
+def _summed(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
+    return amounts if shared is None else [np.add.reduceat(amount, shared) for amount in amounts]
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class PlacedPoints:
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,) to the cell of its point in its target (S,)."""
         address = touched.address(self.cell)
-        for target, amount in zip(targets, _together(amounts, self.shared), strict=True):
+        for target, amount in zip(targets, _summed(amounts, self.shared), strict=True):
             target += np.bincount(address, amount, minlength=len(target))
 
 
@@ -225,7 +225,7 @@ def place_boxes(
     lower_m: Floats,
     upper_m: Floats,
     *,
-    what: str,
+    content: str,
     shared: Ints | None = None,
     device: Device | None = None,
 ) -> PlacedBoxes | PlacedPoints:
@@ -233,7 +233,7 @@ def place_boxes(
 
     Raises as `PlacedBoxes.place`; `shared` as in `PlacedBoxes`.
     """
-    boxes = PlacedBoxes.place(frame, lower_m, upper_m, what=what, device=device)
+    boxes = PlacedBoxes.place(frame, lower_m, upper_m, content=content, device=device)
     lattice = Lattice.of(boxes.lower, boxes.upper)
     cells = None if lattice is None else lattice.cells()
     return replace(boxes, shared=shared) if cells is None else PlacedPoints(cells, shared)
@@ -255,16 +255,16 @@ def place_droplets(
     """
     if isinstance(extent, Box):
         # Size classes that share a box are consecutive.
-        other = np.zeros(max(len(position_m) - 1, 0), bool)
+        differs = np.zeros(max(len(position_m) - 1, 0), bool)
         for along in position_m.T:
-            other |= along[1:] != along[:-1]
-        starts = np.append(0, np.flatnonzero(other) + 1)
+            differs |= along[1:] != along[:-1]
+        starts = np.append(0, np.flatnonzero(differs) + 1)
         middle = np.stack([along[starts] for along in position_m.T]).T
         half = extent.edge_m / 2
         return place_boxes(
-            frame, middle - half, middle + half, what="droplets", shared=starts, device=device
+            frame, middle - half, middle + half, content="droplets", shared=starts, device=device
         )
-    cell = cells_of_points(frame, position_m, amount, what="droplets")
+    cell = cells_of_points(frame, position_m, amount, content="droplets")
     if extent is None:
         return PlacedPoints(cell)
     return PlacedClouds(
@@ -275,8 +275,8 @@ def place_droplets(
 def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Touched:
     """Bricks that contain anything; raises MediumError if they have more cells than `limit`."""
     mark = np.zeros((frame.bricks,) * 3, bool)
-    for each in placed:
-        each.mark(mark)
+    for source in placed:
+        source.mark(mark)
     slots = int(mark.sum())
     if slots * CELLS_PER_BRICK > limit:
         raise MediumError(

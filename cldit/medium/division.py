@@ -17,7 +17,7 @@ def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
     return values.reshape(-1, count, edge, count, edge, count, edge)
 
 
-_IN_BLOCK = (2, 4, 6)
+_IN_BLOCK = (2, 4, 6)  # axes of that view inside a block, and inside a brick
 _IN_BRICK = (1, 2, 3, 4, 5, 6)
 
 
@@ -25,7 +25,7 @@ _IN_BRICK = (1, 2, 3, 4, 5, 6)
 class Division:
     """Division of the cube, and leaf of every finest cell.
 
-    keep: touched brick of every stored one. whole, member: mask (nb, nb, nb) of bricks in a coarse
+    keep: touched brick of every stored one. coarse, member: mask (nb, nb, nb) of bricks in a coarse
     leaf, and the leaf's number; filled: coarse leaves that are not empty. unsplit: blocks of cells
     in stored bricks that are one leaf, (edge, mask).
     """
@@ -34,7 +34,7 @@ class Division:
     touched: Touched
     directory: NDArray[np.int32]
     keep: NDArray[np.int32]
-    whole: Mask
+    coarse: Mask
     member: Ints
     filled: Mask
     coarse_level: NDArray[np.int32]
@@ -43,16 +43,16 @@ class Division:
 
     @classmethod
     def of(
-        cls, frame: Frame, touched: Touched, every: list[dict[str, Floats]], bound: float
+        cls, frame: Frame, touched: Touched, fields: list[dict[str, Floats]], bound: float
     ) -> "Division":
         """Top-down division of the cube, the same for all wavelengths.
 
-        `every` has the fields of the finest cells (S * 512,) of each wavelength, and `bound` is the
+        `fields` has those of the finest cells (S * 512,) of each wavelength, and `bound` is the
         optical depth above which a cube of vapour is halved.
         """
         shape = (touched.slots, BRICK, BRICK, BRICK)
-        vapour = reduce(np.maximum, (f["vapour_absorption"] for f in every)).reshape(shape)
-        wet = (f["droplet_absorption"] + f["droplet_scattering"] > 0 for f in every)
+        vapour = reduce(np.maximum, (f["vapour_absorption"] for f in fields)).reshape(shape)
+        wet = (f["droplet_absorption"] + f["droplet_scattering"] > 0 for f in fields)
         droplets = reduce(np.logical_or, wet).reshape(shape)
         leaves = [0] * (frame.depth + 1)
         inside = _inside(frame)
@@ -69,22 +69,22 @@ class Division:
         directory = np.full(mark.shape, -1, np.int32)
         keep = touched.directory[stored]
         directory[stored] = np.arange(len(keep), dtype=np.int32)
-        whole = ~stored
-        used, member = np.unique(parent[whole], return_inverse=True)
-        filled = np.bincount(member, brick_vapour[whole] + brick_droplets[whole], len(used)) > 0
+        coarse = ~stored
+        used, member = np.unique(parent[coarse], return_inverse=True)
+        filled = np.bincount(member, brick_vapour[coarse] + brick_droplets[coarse], len(used)) > 0
         empty = frame.depth + 1  # the first coarse leaves: empty space of every level
         node_level = np.zeros(len(used), np.int32)
-        node_level[member] = level[whole]
+        node_level[member] = level[coarse]
         index = node_level.copy()
         index[filled] = empty + np.arange(int(filled.sum()), dtype=np.int32)
-        directory[whole] = -1 - index[member]
+        directory[coarse] = -1 - index[member]
         unsplit = _merge_in_bricks(frame, vapour, droplets, keep, bound, leaves)
         return cls(
             frame=frame,
             touched=touched,
             directory=directory,
             keep=keep,
-            whole=whole,
+            coarse=coarse,
             member=member,
             filled=filled,
             coarse_level=np.concatenate([np.arange(empty), node_level[filled]]).astype(np.int32),
@@ -100,20 +100,20 @@ class Division:
             return values
         bricks = data.reshape(self.touched.slots, BRICK, BRICK, BRICK)
         # Coarse leaves have the mean of their bricks; bricks without a slot are empty.
-        slots = self.touched.directory[self.whole]
-        found = slots >= 0
+        slots = self.touched.directory[self.coarse]
+        present = slots >= 0
         total = np.zeros(len(slots))
-        total[found] = bricks[slots[found]][_inside(self.frame)].mean(axis=(1, 2, 3))
+        total[present] = bricks[slots[present]][_inside(self.frame)].mean(axis=(1, 2, 3))
         members = np.bincount(self.member, minlength=len(self.filled))
         means = np.bincount(self.member, total, len(members)) / members
         values[fine + empty :] = means[self.filled]
         cells = bricks[self.keep]
         for side, block in self.unsplit:
-            some = np.flatnonzero(block.any(axis=_IN_BRICK))
-            part = cells[some]
+            partial = np.flatnonzero(block.any(axis=_IN_BRICK))
+            part = cells[partial]
             view = _blocks(part, side)
-            np.copyto(view, view.mean(axis=_IN_BLOCK, keepdims=True), where=block[some])
-            cells[some] = part
+            np.copyto(view, view.mean(axis=_IN_BLOCK, keepdims=True), where=block[partial])
+            cells[partial] = part
         values[:fine] = cells.reshape(-1)
         return values
 
@@ -144,7 +144,7 @@ def _coarse_levels(
         d = np.asarray(d.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5)))
         pyramid.append((v, d))
     number = np.zeros((1, 1, 1), np.int64)
-    found = np.zeros((1, 1, 1), np.int32)
+    covering = np.zeros((1, 1, 1), np.int32)
     open_ = np.ones((1, 1, 1), bool)
     following = 1
     for level, (v, d) in enumerate(reversed(pyramid)):
@@ -155,11 +155,11 @@ def _coarse_levels(
         leaves[level] += int(closed.sum())
         number[closed] = following + np.arange(int(closed.sum()))
         following += int(closed.sum())
-        found[closed] = level
+        covering[closed] = level
         if v.shape[0] == frame.bricks:
-            return number, found, divide
+            return number, covering, divide
         number = number.repeat(2, 0).repeat(2, 1).repeat(2, 2)
-        found = found.repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        covering = covering.repeat(2, 0).repeat(2, 1).repeat(2, 2)
         open_ = divide.repeat(2, 0).repeat(2, 1).repeat(2, 2)
     raise AssertionError("the pyramid ends at the bricks")
 

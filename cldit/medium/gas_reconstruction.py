@@ -17,7 +17,7 @@ from cldit.spray.result import Cells, Vapour
 
 FINEST_m = 0.5e-3  # boxes of at most this edge are not divided
 _MOST = 4  # parts along an edge
-_MOST_BOXES = 8_000_000
+_MOST_BOXES = 8_000_000  # of eight doubles each: half a gigabyte
 _SIZES = 16  # boxes of more sizes are on no lattice
 _OFF = 1e-3  # of an edge: largest distance of a box from its place
 
@@ -36,16 +36,17 @@ def reconstructed(vapour: Vapour) -> Vapour:
     count = int(sizes.max()) + 1
     if count > _SIZES:
         return vapour
-    made = [_of_one_size(vapour, np.flatnonzero(sizes == one), count == 1) for one in range(count)]
-    if len(made) == 1:
-        return made[0]
+    boxes = [np.flatnonzero(sizes == size) for size in range(count)]
+    parts = [_of_one_size(vapour, chosen, uniform=count == 1) for chosen in boxes]
+    if len(parts) == 1:
+        return parts[0]
     return Vapour(
         cells=Cells(
-            np.concatenate([one.cells.lower_m for one in made]),
-            np.concatenate([one.cells.upper_m for one in made]),
+            np.concatenate([part.cells.lower_m for part in parts]),
+            np.concatenate([part.cells.upper_m for part in parts]),
         ),
-        number_density_m3=np.concatenate([one.number_density_m3 for one in made]),
-        temperature_K=np.concatenate([one.temperature_K for one in made]),
+        number_density_m3=np.concatenate([part.number_density_m3 for part in parts]),
+        temperature_K=np.concatenate([part.temperature_K for part in parts]),
         molar_mass_kg_mol=vapour.molar_mass_kg_mol,
     )
 
@@ -60,23 +61,24 @@ def coarsened(vapour: Vapour) -> Vapour | None:
     place = np.rint(steps).astype(np.int64)
     if max(np.abs(steps - place).max(), np.abs((upper - lower) / edge - 1).max()) > _OFF:
         return None
-    shape = tuple(int(one) for one in place.max(axis=0) // 2 + 1)
+    shape = tuple(int(end) for end in place.max(axis=0) // 2 + 1)
     key = np.ravel_multi_index(tuple(place.T // 2), shape)
-    index, box = np.unique(key, return_inverse=True)
+    voxel, box = np.unique(key, return_inverse=True)
     number = np.bincount(box, vapour.number_density_m3)
     heat = np.bincount(box, vapour.number_density_m3 * vapour.temperature_K)
-    some = number > 0
+    filled = number > 0
     cells = Cells.regular(
         origin_m=origin,
         spacing_m=2 * edge,
         shape=(shape[0], shape[1], shape[2]),
-        index=index[some],
+        index=voxel[filled],
     )
-    return Vapour(cells, number[some] / 8, heat[some] / number[some], vapour.molar_mass_kg_mol)
+    number, heat = number[filled], heat[filled]
+    return Vapour(cells, number / 8, heat / number, vapour.molar_mass_kg_mol)
 
 
-def _of_one_size(vapour: Vapour, chosen: Ints, alone: bool) -> Vapour:
-    """Reconstruction of the `chosen` boxes, of one size; `alone`: there is no other size."""
+def _of_one_size(vapour: Vapour, chosen: Ints, *, uniform: bool) -> Vapour:
+    """Reconstruction of the `chosen` boxes, of one size; `uniform`: no box has another size."""
     lower, upper = vapour.cells.lower_m[chosen], vapour.cells.upper_m[chosen]
     density, temperature = vapour.number_density_m3[chosen], vapour.temperature_K[chosen]
     same = Vapour(Cells(lower, upper), density, temperature, vapour.molar_mass_kg_mol)
@@ -85,19 +87,19 @@ def _of_one_size(vapour: Vapour, chosen: Ints, alone: bool) -> Vapour:
     steps = (lower - origin) / edge
     place = np.rint(steps).astype(np.int64)
     if parts == 1 or np.abs(steps - place).max() > _OFF:
-        return vapour if alone else same
+        return vapour if uniform else same
     shape = (place.max(axis=0) + 3).tolist()  # with an empty layer on all sides
     key = np.ravel_multi_index(tuple(place.T + 1), shape)
     order = np.argsort(key)
     if np.any(np.diff(key[order]) == 0):  # boxes in one place
-        return vapour if alone else same
+        return vapour if uniform else same
     sides = _neighbours(key, order, shape)
     steps_in = (np.arange(parts) + 0.5) / parts - 0.5
-    far, square = float(steps_in[-1]), float(np.mean(steps_in**2))
-    n = _linear(density, sides, np.zeros(len(key)) if alone else density, far, None)
+    reach, square = float(steps_in[-1]), float(np.mean(steps_in**2))
+    n = _linear(density, sides, np.zeros(len(key)) if uniform else density, reach, None)
     relative = square * n / np.maximum(density, np.finfo(float).tiny)
     # The mean temperature by number: what the products of both gradients add is subtracted.
-    t = _linear(temperature, sides, temperature, far, relative)
+    t = _linear(temperature, sides, temperature, reach, relative)
     extra = np.einsum("an,an->n", relative, t)
     offsets = np.array(list(product(steps_in, repeat=3)))
     numbers = np.maximum(np.concatenate([density + offset @ n for offset in offsets]), 0.0)
@@ -105,7 +107,7 @@ def _of_one_size(vapour: Vapour, chosen: Ints, alone: bool) -> Vapour:
     fine = np.concatenate(
         [place * parts + np.rint((o + 0.5) * parts - 0.5).astype(np.int64) for o in offsets]
     )
-    grid = tuple(int(one) for one in (place.max(axis=0) + 1) * parts)
+    grid = tuple(int(end) for end in (place.max(axis=0) + 1) * parts)
     cells = Cells.regular(
         origin_m=origin,
         spacing_m=edge / parts,
@@ -116,40 +118,40 @@ def _of_one_size(vapour: Vapour, chosen: Ints, alone: bool) -> Vapour:
 
 
 def _parts(edge_m: float, boxes: int) -> int:
-    most = int((_MOST_BOXES / boxes) ** (1 / 3))
-    return max(1, min(_MOST, most, int(np.ceil(edge_m / FINEST_m - _OFF))))
+    limit = int((_MOST_BOXES / boxes) ** (1 / 3))
+    return max(1, min(_MOST, limit, int(np.ceil(edge_m / FINEST_m - _OFF))))
 
 
 def _neighbours(key: Ints, order: Ints, shape: list[int]) -> list[tuple[Ints, Ints]]:
     """Number (N,) of the neighbour below and above along x, y, z; -1: there is none."""
-    known = key[order]
-    found = []
+    keys = key[order]
+    neighbours = []
     for step in (shape[1] * shape[2], shape[2], 1):
-        both = []
-        for wanted in (key - step, key + step):
-            at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-            both.append(np.where(known[at] == wanted, order[at], -1))
-        found.append((both[0], both[1]))
-    return found
+        pair = []
+        for sought in (key - step, key + step):
+            at = np.minimum(np.searchsorted(keys, sought), len(keys) - 1)
+            pair.append(np.where(keys[at] == sought, order[at], -1))
+        neighbours.append((pair[0], pair[1]))
+    return neighbours
 
 
 def _linear(
     value: Floats,
     sides: list[tuple[Ints, Ints]],
     outside: Floats,
-    far: float,
+    middle_reach: float,
     shift: Floats | None,
 ) -> Floats:
     """Gradient (3, N) per edge of a value (N,); a missing neighbour has the value `outside`.
 
-    No part, up to `far` edges from the middle, is outside the range of box and neighbours, even if
-    all are shifted by the product of the gradient with `shift` (3, N).
+    No part, up to `middle_reach` edges from the middle, is outside the range of box and neighbours,
+    even if all are shifted by the product of the gradient with `shift` (3, N).
     """
-    around = [[np.where(at >= 0, value[at], outside) for at in pair] for pair in sides]
-    slopes = np.stack([limited(value, *pair, down=1.0, up=1.0) for pair in around])
-    every = [value, *(one for pair in around for one in pair)]
-    room = np.minimum(np.max(every, axis=0) - value, value - np.min(every, axis=0))
-    reach = far * np.abs(slopes).sum(axis=0)
+    beside = [[np.where(at >= 0, value[at], outside) for at in pair] for pair in sides]
+    slopes = np.stack([limited(value, *pair, down=1.0, up=1.0) for pair in beside])
+    values = [value, *(side for pair in beside for side in pair)]
+    room = np.minimum(np.max(values, axis=0) - value, value - np.min(values, axis=0))
+    reach = middle_reach * np.abs(slopes).sum(axis=0)
     if shift is not None:
         reach += np.abs(np.einsum("an,an->n", slopes, shift))
     beyond = reach > room

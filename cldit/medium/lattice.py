@@ -12,7 +12,7 @@ from cldit.arrays import Floats, Ints
 _FEWEST = 1000  # boxes; with fewer, pairs are as fast
 _SPARSEST = 16  # lattice points per box; with more, the dense lattice is slower than the pairs
 _FINEST = 1e-2  # of a cell; a finer lattice would consist of slivers
-_TOLERANCE = 1e-5  # in cells: largest distance of a box from its lattice point
+TOLERANCE = 1e-5  # in cells: largest distance of a box from its lattice point
 _SLIVER = 1e-6  # in cells: the neighbour receives smaller overlaps
 
 
@@ -36,7 +36,7 @@ class Lattice:
         if len(lower) < _FEWEST:
             return None
         # One axis at a time, since numpy is ten times slower with rows of three.
-        origin, spacing = np.array([one.min() for one in lower.T]), upper[0] - lower[0]
+        origin, spacing = np.array([axis.min() for axis in lower.T]), upper[0] - lower[0]
         if spacing.min() < _FINEST:
             return None
         index = []
@@ -44,9 +44,9 @@ class Lattice:
             steps = (low - begin) / step
             index.append(np.rint(steps).astype(np.int64))
             off = np.abs(steps - index[-1]).max() * step
-            if np.abs(high - low - step).max() > _TOLERANCE or off > _TOLERANCE:
+            if np.abs(high - low - step).max() > TOLERANCE or off > TOLERANCE:
                 return None
-        nx, ny, nz = (int(one.max()) + 1 for one in index)
+        nx, ny, nz = (int(points.max()) + 1 for points in index)
         if nx * ny * nz > _SPARSEST * len(lower):
             return None
         parts = [_axis(float(origin[a]), float(spacing[a]), n) for a, n in enumerate((nx, ny, nz))]
@@ -64,7 +64,7 @@ class Lattice:
             return None
         places = reversed(np.unravel_index(self.place, self.shape))
         along = zip(self.first, within, places, strict=True)
-        return np.stack([first + share.indices[place] for first, share, place in along]).T
+        return np.stack([begin + share.indices[place] for begin, share, place in along]).T
 
     def layers(self, amounts: list[Floats]) -> Iterator[tuple[int, list[Floats]]]:
         """Yields the z of each layer of cells and the sums [y, x] of each amount (N,) in it.
@@ -80,10 +80,10 @@ class Lattice:
         by_layer = along_z.tocsc()
         sums: dict[int, list[Floats]] = {}
         for layer in range(nz):
-            mine = order[ends[layer] : ends[layer + 1]]
+            members = order[ends[layer] : ends[layer + 1]]
             planes = []
             for amount in amounts:
-                points = np.bincount(inside[mine], amount[mine], minlength=ny * nx)
+                points = np.bincount(inside[members], amount[members], minlength=ny * nx)
                 across = (along_x @ points.reshape(ny, nx).T).T  # (ny, cx)
                 planes.append(along_y @ across)  # (cy, cx)
             column = slice(*by_layer.indptr[layer : layer + 2])
@@ -95,21 +95,21 @@ class Lattice:
                 if cell in sums:
                     parts = [old + part for old, part in zip(sums[cell], parts, strict=True)]
                 sums[cell] = parts
-        for cell, found in sums.items():
-            yield self.first[2] + cell, found
+        for cell, totals in sums.items():
+            yield self.first[2] + cell, totals
 
 
 def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:
     """First touched cell, and the shares of `count` intervals in the cells from there on."""
     low = origin + spacing * np.arange(count)
     high = low + spacing
-    first = int(np.floor(low[0] + _SLIVER))
-    cells = max(1, int(np.ceil(high[-1] - _SLIVER)) - first)
+    begin = int(np.floor(low[0] + _SLIVER))
+    cells = max(1, int(np.ceil(high[-1] - _SLIVER)) - begin)
     reach = int(np.ceil(spacing)) + 1
-    start = np.floor(low + _SLIVER).astype(int) - first
+    start = np.floor(low + _SLIVER).astype(int) - begin
     point = np.repeat(np.arange(count), reach)
     cell = (start[:, None] + np.arange(reach)).ravel()
-    share = np.minimum(high[point], first + cell + 1.0) - np.maximum(low[point], first + cell)
+    share = np.minimum(high[point], begin + cell + 1.0) - np.maximum(low[point], begin + cell)
     keep = (share > _SLIVER) & (cell < cells)
     matrix = csr_array((share[keep], (cell[keep], point[keep])), shape=(cells, count))
-    return first, csr_array(matrix / np.asarray(matrix.sum(axis=0))[None, :])
+    return begin, csr_array(matrix / np.asarray(matrix.sum(axis=0))[None, :])

@@ -43,8 +43,8 @@ class Leaves:
         across = cells + 1
         places = self.corner[:, None] + self.edge[:, None, None] * _HEXAHEDRON
         keys = (places[..., 2] * across + places[..., 1]) * across + places[..., 0]
-        known, node = np.unique(keys.reshape(-1), return_inverse=True)
-        points = np.stack([known % across, known // across % across, known // across**2], axis=1)
+        keys, node = np.unique(keys.reshape(-1), return_inverse=True)
+        points = np.stack([keys % across, keys // across % across, keys // across**2], axis=1)
         return points, node.reshape(-1, 8)
 
 
@@ -69,11 +69,11 @@ def _stored(tree: Octree, values: Sequence[NDArray[np.generic]]) -> _Parts:
         edge[alike] = side
         side *= 2
     place = np.indices((BRICK, BRICK, BRICK)).transpose(1, 2, 3, 0)  # z, y, x
-    first = np.all(place % edge[..., None] == 0, axis=-1) & np.all(place < used, axis=-1)
-    slot, lz, ly, lx = np.nonzero(first)
+    corner = np.all(place % edge[..., None] == 0, axis=-1) & np.all(place < used, axis=-1)
+    slot, lz, ly, lx = np.nonzero(corner)
     inside = np.stack([lx, ly, lz], axis=1)
     address = slot * _CELLS + (lz * BRICK + ly) * BRICK + lx
-    return brick[slot] + inside, edge[first], address
+    return brick[slot] + inside, edge[corner], address
 
 
 def _blocks_alike(tree: Octree, values: Sequence[NDArray[np.generic]], side: int) -> Mask:
@@ -93,5 +93,5 @@ def _coarse(tree: Octree) -> _Parts:
     index = -1 - tree.directory[z, y, x].astype(np.int64)
     edge = tree.frame.cells >> tree.coarse_level[index].astype(np.int64)
     corner = np.stack([x, y, z], axis=1).astype(np.int64) * BRICK
-    first = np.all(corner % np.maximum(edge, 1)[:, None] == 0, axis=1)
-    return corner[first], edge[first], tree.slots * _CELLS + index[first]
+    corners = np.all(corner % np.maximum(edge, 1)[:, None] == 0, axis=1)
+    return corner[corners], edge[corners], tree.slots * _CELLS + index[corners]

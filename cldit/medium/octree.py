@@ -59,7 +59,7 @@ class PointSource:
             "droplet_absorption": self.absorption_m2,
             "droplet_scattering": self.scattering_m2,
             "droplet_emission": self.emission_m2,
-            **{f"{_CLASS}{k}": one for k, one in enumerate(self.class_scattering_m2, 1)},
+            **{f"{_CLASS}{k}": section for k, section in enumerate(self.class_scattering_m2, 1)},
         }
 
 
@@ -167,16 +167,16 @@ def build_octrees(
     """
     droplets, boxes = placed_sources(frame, sources[0], device)
     touched = touched_bricks(frame, [*droplets, *boxes], limit=max_cells)
-    every = _deposit(frame, touched, droplets, boxes, sources)
-    for fields in every:
+    deposited = _deposit(frame, touched, droplets, boxes, sources)
+    for fields in deposited:
         faint = fields["vapour_absorption"] * frame.edge_m < _NOTHING
         fields["vapour_absorption"][faint] = 0.0
         fields["vapour_emission"][faint] = 0.0
-    division = Division.of(frame, touched, every, optical_depth_split)
-    if len(every) == 1:  # other threads do not reuse the memory of a thread
-        return [_filled(division, every[0])]
+    division = Division.of(frame, touched, deposited, optical_depth_split)
+    if len(deposited) == 1:  # other threads do not reuse the memory of a thread
+        return [_filled(division, deposited[0])]
     with ThreadPoolExecutor(_TOGETHER) as pool:
-        return list(pool.map(lambda fields: _filled(division, fields), every))
+        return list(pool.map(lambda fields: _filled(division, fields), deposited))
 
 
 def placed_sources(
@@ -193,7 +193,7 @@ def placed_sources(
         place = points.position_m
         droplets.append(place_droplets(frame, place, points.extent, optical, device))
     boxes = [
-        place_boxes(frame, source.lower_m, source.upper_m, what="gas", device=device)
+        place_boxes(frame, source.lower_m, source.upper_m, content="gas", device=device)
         for source in cells
     ]
     return droplets, list(boxes)
@@ -207,14 +207,14 @@ def _deposit(
     sources: Sequence[Sources],
 ) -> list[dict[str, Floats]]:
     size = touched.slots * CELLS_PER_BRICK
-    every = [
-        {name: np.zeros(size) for name in (*FIELDS, *({} if one is None else one.sections))}
-        for one, _ in sources
+    deposited = [
+        {name: np.zeros(size) for name in (*FIELDS, *({} if section is None else section.sections))}
+        for section, _ in sources
     ]
     volume = frame.cell_m**3
     for placed in droplets:
         targets, amounts = [], []
-        for fields, (points, _) in zip(every, sources, strict=True):
+        for fields, (points, _) in zip(deposited, sources, strict=True):
             if points is not None:
                 targets += [fields[name] for name in points.sections]
                 amounts += [section / volume for section in points.sections.values()]
@@ -223,14 +223,14 @@ def _deposit(
         place = sources[0][1][number]
         in_cells = np.prod((place.upper_m - place.lower_m) / frame.cell_m, axis=1)
         targets, amounts = [], []
-        for fields, (_, cells) in zip(every, sources, strict=True):
+        for fields, (_, cells) in zip(deposited, sources, strict=True):
             for name in FIELDS:
                 values = getattr(cells[number], name)
                 if np.any(values):
                     targets.append(fields[name])
                     amounts.append(values * in_cells)
         box.add(touched, amounts, targets)
-    return every
+    return deposited
 
 
 def _filled(division: Division, fields: dict[str, Floats]) -> Octree:

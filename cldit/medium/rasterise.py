@@ -41,10 +41,10 @@ class Rasteriser(ABC):
 
     def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that anything reaches."""
-        found = zeros(self.device, "bricks", mark.size, np.uint8)
+        reached = zeros(self.device, "bricks", mark.size, np.uint8)
         for _, lists in self._lists():
-            self._launch(self.marks, lists, {"bricks": len(mark), "mark": found})
-        mark |= download(self.device, found, np.empty(mark.shape, np.uint8)) > 0
+            self._launch(self.marks, lists, {"bricks": len(mark), "mark": reached})
+        mark |= download(self.device, reached, np.empty(mark.shape, np.uint8)) > 0
 
     def add(
         self, directory: NDArray[np.int32], amounts: list[Floats], targets: list[Floats]
@@ -65,11 +65,11 @@ class Rasteriser(ABC):
         scale = np.array([fixed_point_scale(total) for total in np.abs(amount).sum(axis=0)])
         units = (amount * scale).astype(self.program.real)
         sums = zeros(self.device, "deposited sums", size * kinds, np.int64)
-        there = upload(self.device, "directory", directory)
+        bricks = upload(self.device, "directory", directory)
         for chosen, lists in self._lists():
             arguments = {
                 "bricks": len(directory),
-                "directory": there,
+                "directory": bricks,
                 "units": upload(self.device, "amounts", units[chosen]),
                 "kinds": kinds,
                 "sums": sums,
@@ -78,7 +78,7 @@ class Rasteriser(ABC):
         rows = max(1, _SUMS_AT_ONCE // kinds)
         for begin in range(0, size, rows):
             part = np.empty((min(rows, size - begin), kinds), np.int64)
-            download(self.device, sums, part, first=begin * kinds)
+            download(self.device, sums, part, start=begin * kinds)
             for kind, target in enumerate(targets):
                 target[begin : begin + rows] += part[:, kind] / scale[kind]
 
@@ -119,8 +119,8 @@ class CloudRasteriser(Rasteriser):
         rest_y = np.maximum(yy - y_on_z * zy, _LEAST)
         x_on_y = (yx - y_on_z * zx) / rest_y
         rest_x = np.maximum(xx - x_on_z * zx - x_on_y**2 * rest_y, _LEAST)
-        own = place - cell
-        shape = np.stack([*own.T, zz, y_on_z, rest_y, x_on_z, x_on_y, rest_x], axis=1)
+        offset = place - cell
+        shape = np.stack([*offset.T, zz, y_on_z, rest_y, x_on_z, x_on_y, rest_x], axis=1)
         reach = REACH * np.sqrt(zz)
         program = deposit_program(device)
         return cls(
@@ -128,8 +128,8 @@ class CloudRasteriser(Rasteriser):
             program=program,
             cell=np.concatenate([cell, np.zeros_like(cell[:, :1])], axis=1),
             shape=shape.astype(program.real),
-            first=np.floor(own[:, 2] - reach).astype(np.int32),
-            last=np.floor(own[:, 2] + reach).astype(np.int32),
+            first=np.floor(offset[:, 2] - reach).astype(np.int32),
+            last=np.floor(offset[:, 2] + reach).astype(np.int32),
             # Clouds of neighbouring cells one after the other: their sums stay in the cache.
             order=np.lexsort((cell[:, 0], cell[:, 1] // BRICK)),
             cells=cells,
@@ -176,11 +176,11 @@ class BoxRasteriser(Rasteriser):
         cls, device: Device, lower: Floats, upper: Floats, span: tuple[Ints, Ints], cells: int
     ) -> BoxRasteriser:
         """Boxes from `lower` to `upper` (N, 3), in cells, with the cells that they touch."""
-        first = np.clip(span[0], 0, cells - 1)
-        count = np.minimum(span[1], cells - first)
+        begin = np.clip(span[0], 0, cells - 1)
+        count = np.minimum(span[1], cells - begin)
         program = deposit_program(device)
-        within = np.hstack([lower - first, upper - first]).astype(program.real)
-        wide = [np.pad(values, ((0, 0), (0, 1))).astype(np.int32) for values in (first, count)]
+        within = np.hstack([lower - begin, upper - begin]).astype(program.real)
+        wide = [np.pad(values, ((0, 0), (0, 1))).astype(np.int32) for values in (begin, count)]
         return cls(device, program, cells, wide[0], wide[1], within)
 
     def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
@@ -212,8 +212,8 @@ def _parts(layers: NDArray[np.signedinteger]) -> Iterator[slice]:
         start = stop
 
 
-def _layers(count: _Counts, first: _Counts | int = 0) -> tuple[_Counts, _Counts]:
-    """Object and layer of each of their layers, `count` (N,) of them from `first` (N,)."""
+def _layers(count: _Counts, begin: _Counts | int = 0) -> tuple[_Counts, _Counts]:
+    """Object and layer of each of their layers, `count` (N,) of them from `begin` (N,)."""
     number = np.repeat(np.arange(len(count), dtype=np.int32), count)
-    layer = np.arange(len(number)) + np.repeat(first - (np.cumsum(count) - count), count)
+    layer = np.arange(len(number)) + np.repeat(begin - (np.cumsum(count) - count), count)
     return number, layer.astype(np.int32)

@@ -16,6 +16,7 @@ from cldit.arrays import Floats, Mask
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.frame import BRICK, Frame
+from cldit.medium.lattice import TOLERANCE
 from cldit.medium.octree import Sources, placed_sources
 from cldit.medium.rasterise import REACH
 from cldit.spray.extent import Box, Cloud
@@ -23,7 +24,6 @@ from cldit.spray.extent import Box, Cloud
 DEEPEST = 12  # halvings of a cube
 MOST_CELLS = 60_000_000
 _PARTS = 4  # largest ratio of the smallest box to a voxel of the grid of all boxes
-_OFF = 1e-5  # in cells: largest distance of a face from the grid, as in `cldit.medium.lattice`
 _FEW = 0.01  # share of the extinction of all boxes that may be resolved less
 # Cells along a scattering medium. The error of one cell of depth 0.4 is 0.5 K, of 8^3 cells 0.06 K.
 ACROSS = 8
@@ -66,16 +66,16 @@ def candidates(
         limit: largest `Candidate.memory_cells`.
     """
     refuse_outside(cube, sources)
-    whole = cube.at(0)
-    laid = on_grid(whole, sources)
-    corner = whole if laid is None else laid
+    undivided = cube.at(0)
+    laid = on_grid(undivided, sources)
+    corner = undivided if laid is None else laid
     for depth in range(DEEPEST + 1):
-        one = counted(corner.at(depth), sources, device)
-        if one.memory_cells > limit:
+        candidate = counted(corner.at(depth), sources, device)
+        if candidate.memory_cells > limit:
             if depth == 0:
-                raise MediumError(f"one cell is {one.memory_cells} cells; allowed: {limit}")
+                raise MediumError(f"one cell is {candidate.memory_cells} cells; allowed: {limit}")
             return
-        yield one
+        yield candidate
 
 
 def refuse_outside(cube: Frame, sources: Sources) -> None:
@@ -100,12 +100,12 @@ def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> F
     if edge is None:
         return None
     low, high = _scattered_about(cube, sources)
-    first = np.minimum(np.floor((low - origin) / (edge * BRICK)) * BRICK, 0.0)
-    last = np.maximum(np.ceil((high - origin) / edge), np.rint((reach - origin) / edge))
-    depth = (int((last - first).max()) - 1).bit_length()
+    begin = np.minimum(np.floor((low - origin) / (edge * BRICK)) * BRICK, 0.0)
+    end = np.maximum(np.ceil((high - origin) / edge), np.rint((reach - origin) / edge))
+    depth = (int((end - begin).max()) - 1).bit_length()
     if depth > DEEPEST:
         return None
-    x, y, z = (float(corner) for corner in origin + first * edge)
+    x, y, z = (float(corner) for corner in origin + begin * edge)
     return Frame(lower_m=(x, y, z), edge_m=edge * 2**depth, depth=depth)
 
 
@@ -113,8 +113,8 @@ def in_whole_cells(frame: Frame, sources: Sources) -> bool:
     """True if a medium of boxes is exact in the cells of a cube: none contains a part of a box."""
     if not known_in_boxes(sources):
         return False
-    corners = (frame.to_cells(each) for each in _boxes(sources))
-    return all(np.abs(each - np.rint(each)).max(initial=0.0) <= _OFF for each in corners)
+    corners = (frame.to_cells(corner) for corner in _boxes(sources))
+    return all(np.abs(corner - np.rint(corner)).max(initial=0.0) <= TOLERANCE for corner in corners)
 
 
 def _common_edge(lower: Floats, upper: Floats) -> float | None:
@@ -127,7 +127,7 @@ def _common_edge(lower: Floats, upper: Floats) -> float | None:
     for parts in range(1, _PARTS + 1):
         edge = span / round(span / smallest * parts)  # by the span, to avoid the box's rounding
         steps = (lower - origin) / edge, (upper - origin) / edge
-        if all(np.abs(each - np.rint(each)).max() <= _OFF for each in steps):
+        if all(np.abs(step - np.rint(step)).max() <= TOLERANCE for step in steps):
             return edge
     return None
 
@@ -219,11 +219,11 @@ def _corners(sources: Sources) -> tuple[Floats, Floats] | None:
     """Lower and upper corner (3,) of the box around all of `_boxes`; None if there is none."""
     points, cells = sources
     boxes: list[tuple[Floats, Floats, Floats | float]] = [
-        (one.lower_m, one.upper_m, 0.0) for one in cells
+        (source.lower_m, source.upper_m, 0.0) for source in cells
     ]
     if points is not None and isinstance(points.extent, Box):
         boxes.append((points.position_m, points.position_m, points.extent.edge_m / 2))
-    boxes = [one for one in boxes if len(one[0])]
+    boxes = [box for box in boxes if len(box[0])]
     if not boxes:
         return None
     # One axis at a time, since numpy is ten times slower with rows of three.
@@ -239,12 +239,12 @@ def _coefficients(sources: Sources) -> tuple[Floats, Floats]:
     scattering: list[Floats] = [np.zeros(0)]
     if points is not None and isinstance(points.extent, Box):
         volume = float(np.prod(points.extent.edge_m))
-        _, which = np.unique(points.position_m, axis=0, return_inverse=True)
+        _, place = np.unique(points.position_m, axis=0, return_inverse=True)
         for section, into in (
             (points.absorption_m2 + points.scattering_m2, extinction),
             (points.scattering_m2, scattering),
         ):
-            into.append(np.asarray(np.bincount(which, section / volume)[which], float))
+            into.append(np.asarray(np.bincount(place, section / volume)[place], float))
     for source in cells:
         droplets = source.droplet_absorption + source.droplet_scattering
         extinction.append(source.vapour_absorption + droplets)
@@ -255,12 +255,12 @@ def _coefficients(sources: Sources) -> tuple[Floats, Floats]:
 def counted(frame: Frame, sources: Sources, device: Device | None) -> Candidate:
     """The cube with the cells that a medium fills in it."""
     mark = np.zeros((frame.bricks,) * 3, bool)
-    for each in chain(*placed_sources(frame, sources, device)):
-        each.mark(mark)
+    for placed in chain(*placed_sources(frame, sources, device)):
+        placed.mark(mark)
     cells = min(BRICK, frame.cells)
     swept = 1
-    for others in ((0, 1), (0, 2), (1, 2)):
-        along = np.flatnonzero(mark.any(axis=others))
+    for axes in ((0, 1), (0, 2), (1, 2)):
+        along = np.flatnonzero(mark.any(axis=axes))
         swept *= int(along[-1] - along[0] + 1) * cells if len(along) else 0
     return Candidate(frame, int(mark.sum()) * BRICK**3, swept)
 
@@ -279,15 +279,15 @@ def within(cube: Frame, sources: Sources) -> tuple[Sources, float]:
         inside = np.all((points.position_m >= low) & (points.position_m <= high), axis=1)
         section = points.absorption_m2 + points.scattering_m2
         lost.append(_outside(section, inside.astype(float)))
-        points = _taken(points, inside) if inside.any() else None
+        points = _subset(points, inside) if inside.any() else None
     kept = []
-    for each in cells:
-        lower, upper = np.maximum(each.lower_m, low), np.minimum(each.upper_m, high)
-        whole = np.prod(each.upper_m - each.lower_m, axis=1)
-        part = np.prod(np.maximum(upper - lower, 0.0), axis=1) / whole
-        optical = each.vapour_absorption + each.droplet_absorption + each.droplet_scattering
-        lost.append(_outside(optical * whole, part))
-        kept.append(_taken(replace(each, lower_m=lower, upper_m=upper), part > 0.0))
+    for source in cells:
+        lower, upper = np.maximum(source.lower_m, low), np.minimum(source.upper_m, high)
+        volume = np.prod(source.upper_m - source.lower_m, axis=1)
+        part = np.prod(np.maximum(upper - lower, 0.0), axis=1) / volume
+        optical = source.vapour_absorption + source.droplet_absorption + source.droplet_scattering
+        lost.append(_outside(optical * volume, part))
+        kept.append(_subset(replace(source, lower_m=lower, upper_m=upper), part > 0.0))
     return (points, kept), max(lost)
 
 
@@ -296,12 +296,12 @@ def _outside(amount: Floats, inside: Floats) -> float:
     return float(np.sum(amount * (1.0 - inside))) / total if total > 0.0 else 0.0
 
 
-def _taken(source: Any, chosen: Mask) -> Any:
+def _subset(source: Any, chosen: Mask) -> Any:
     """Some parcels or boxes of a source."""
 
-    def some(value: Any) -> Any:
+    def subset(value: Any) -> Any:
         if isinstance(value, tuple):
-            return tuple(one[chosen] for one in value)
+            return tuple(part[chosen] for part in value)
         return value[chosen] if isinstance(value, np.ndarray) else value.of(chosen)
 
-    return replace(source, **{k: some(v) for k, v in vars(source).items() if v is not None})
+    return replace(source, **{k: subset(v) for k, v in vars(source).items() if v is not None})

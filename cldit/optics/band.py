@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.medium.octree import CellSource, PointSource
 from cldit.optics.droplets import DropletTable, droplet_table
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.scene.optics import Optics
 from cldit.spray.result import Parcels, Prescribed, Spray, Vapour
-
-AVOGADRO_PER_MOL = 6.02214076e23
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,11 @@ class Droplets:
         place = np.interp(temperature_K, self.temperature_K, np.arange(len(self.tables)))
         for number, table in enumerate(self.tables):
             share = np.maximum(1.0 - np.abs(place - number), 0.0)
-            here = share > 0.0
-            if np.any(here):
-                parts = table.cross_sections(diameter_m[here])
-                absorption[here] += share[here] * parts[0]
-                scattering[here] += share[here] * parts[1]
+            near = share > 0.0
+            if np.any(near):
+                parts = table.cross_sections(diameter_m[near])
+                absorption[near] += share[near] * parts[0]
+                scattering[near] += share[near] * parts[1]
         return absorption, scattering
 
 
@@ -134,15 +133,15 @@ def _vapour(vapour: Vapour, band: BandOptics) -> CellSource:
     )
 
 
-def _prescribed(given: Prescribed, band: BandOptics) -> CellSource:
-    vapour = band.radiance(given.vapour_temperature_K)
-    liquid = band.radiance(given.droplet_temperature_K)
+def _prescribed(prescribed: Prescribed, band: BandOptics) -> CellSource:
+    vapour = band.radiance(prescribed.vapour_temperature_K)
+    liquid = band.radiance(prescribed.droplet_temperature_K)
     return CellSource(
-        lower_m=given.cells.lower_m,
-        upper_m=given.cells.upper_m,
-        vapour_absorption=given.vapour_absorption_per_m,
-        vapour_emission=given.vapour_absorption_per_m * vapour,
-        droplet_absorption=given.droplet_absorption_per_m,
-        droplet_scattering=given.droplet_scattering_per_m,
-        droplet_emission=given.droplet_absorption_per_m * liquid,
+        lower_m=prescribed.cells.lower_m,
+        upper_m=prescribed.cells.upper_m,
+        vapour_absorption=prescribed.vapour_absorption_per_m,
+        vapour_emission=prescribed.vapour_absorption_per_m * vapour,
+        droplet_absorption=prescribed.droplet_absorption_per_m,
+        droplet_scattering=prescribed.droplet_scattering_per_m,
+        droplet_emission=prescribed.droplet_absorption_per_m * liquid,
     )

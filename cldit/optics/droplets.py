@@ -9,6 +9,7 @@ resonances become finer than any table. Few different diameters (`FEW`; a monodi
 then solved exactly; with more, entries are means over 1 % of the diameter (a triangle of +-1 %),
 which change the mean of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those
 means, Q_abs of itself at any k (resonances narrower than the samples: `mie.efficiencies`).
+Each new table is checked at five sizes against miepython, a second program for Mie's solution.
 `cldit optics` prints the error for a scene, `python -m tests.bench optics` for k from 0 to 10.
 """
 
@@ -30,13 +31,14 @@ _HUGE_M = 5e-3  # free drops of fuel break up below this
 POINTWISE_K = 0.002  # from this k on, entries are values at single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
 FEW = 256  # different diameters that are solved one by one below it
-_STEP = 3.3e-4  # in ln x
+_STEP = 3.3e-4  # in ln x; the errors above are those of linear interpolation between such steps
 _COARSER = 8  # steps from one solution to the next, with a cubic spline between, ...
 _SMOOTH = 0.015  # ... from this k / n on
 _FINER = (2, 8)  # samples a step where means are taken, from k = ...
 _SHARP = 0.0005  # ... on, and below, where resonances are narrower still
-_MOST_SAMPLES = 6e5
-_FORM = 4  # of the file
+_MOST_SAMPLES = 6e5  # 2 span n / k of a mean at n = 1.4 and k = 1e-7, see `resolved`
+_SECOND_PROGRAM = 1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
+_FORM = 4  # version of kept tables
 _AT_ONCE = 50_000  # diameters, whose steps stay in the cache
 
 
@@ -60,8 +62,8 @@ class DropletTable:
     @property
     def largest_m(self) -> float:
         """Largest diameter in the table."""
-        last = self.log_x_start + self.log_x_step * (len(self.scattering) - 1)
-        return float(np.exp(last)) * self.wavelength_um * 1e-6 / np.pi
+        log_x_end = self.log_x_start + self.log_x_step * (len(self.scattering) - 1)
+        return float(np.exp(log_x_end)) * self.wavelength_um * 1e-6 / np.pi
 
     def efficiencies(self, diameter_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Q_ext, Q_sca and g, shaped as `diameter_m`.
@@ -81,26 +83,26 @@ class DropletTable:
                 f"the Mie table for {self.wavelength_um:g} um; allowed: up to {_HUGE_M:g} m, and "
                 f"to a size parameter of {mie.SIZE_PARAMETERS[1]:g}"
             )
-        found = [np.empty(d.shape) for _ in columns]
-        flat, parts = d.reshape(-1), [one.reshape(-1) for one in found]
+        results = [np.empty(d.shape) for _ in columns]
+        flat, parts = d.reshape(-1), [result.reshape(-1) for result in results]
         for start in range(0, d.size, _AT_ONCE):
             part = slice(start, start + _AT_ONCE)
-            for whole, values in zip(parts, self._looked_up(flat[part], columns), strict=True):
-                whole[part] = values
-        return found
+            for target, values in zip(parts, self._looked_up(flat[part], columns), strict=True):
+                target[part] = values
+        return results
 
     def _looked_up(self, d: Floats, columns: tuple[Floats, ...]) -> list[Floats]:
         x = d * (np.pi / (self.wavelength_um * 1e-6))
         place = (np.log(x) - self.log_x_start) / self.log_x_step
-        last = len(self.scattering) - 1
-        place = np.clip(place, 0.0, last)
-        cell = np.minimum(place.astype(np.intp), last - 1)
+        end = len(self.scattering) - 1
+        place = np.clip(place, 0.0, end)
+        cell = np.minimum(place.astype(np.intp), end - 1)
         part = place - cell
         x2 = x * x
-        found = [_between(column, cell, part) for column in columns]
-        found[0] *= x / np.sqrt(1 + x2)
-        found[1] *= x2 * x2 / (1 + x2 * x2)
-        return found
+        values = [_between(column, cell, part) for column in columns]
+        values[0] *= x / np.sqrt(1 + x2)
+        values[1] *= x2 * x2 / (1 + x2 * x2)
+        return values
 
     def cross_sections(self, diameter_m: ArrayLike) -> tuple[Floats, Floats]:
         """C_abs and C_sca in m2, shaped as `diameter_m`; raises as `efficiencies`.
@@ -110,13 +112,13 @@ class DropletTable:
         d = np.asarray(diameter_m, dtype=float)
         q_abs, q_sca = self._efficiencies(d, (self.absorption, self.scattering))
         if self.k < POINTWISE_K:
-            some, which = np.unique(d, return_inverse=True)
-            x = some * (np.pi / (self.wavelength_um * 1e-6))
+            distinct, copy = np.unique(d, return_inverse=True)
+            x = distinct * (np.pi / (self.wavelength_um * 1e-6))
             solved = np.log(np.maximum(x, 1e-300)) >= self.log_x_start
-            if 0 < len(some) <= FEW and np.any(solved):
+            if 0 < len(distinct) <= FEW and np.any(solved):
                 exact = mie.efficiencies(n=self.n, k=self.k, x=x[solved])
-                place = np.cumsum(solved)[which].reshape(d.shape) - 1
-                these = solved[which].reshape(d.shape)
+                place = np.cumsum(solved)[copy].reshape(d.shape) - 1
+                these = solved[copy].reshape(d.shape)
                 q_abs = np.where(these, exact.absorption[place], q_abs)
                 q_sca = np.where(these, exact.scattering[place], q_sca)
         area = d * d
@@ -145,15 +147,16 @@ def droplet_table(
             f"droplet optics: wavelength {wavelength_um:g} um, n = {n:g}, k = {k:g}; allowed: "
             "finite numbers, wavelength and n above 0, k not below 0"
         )
-    end_m, more = LARGEST_M, ""
+    end_m, end = LARGEST_M, ""
     if largest_m > LARGEST_M:
-        most = mie.SIZE_PARAMETERS[1] * np.exp(-2 * AVERAGED)  # means reach beyond the last entry
-        end_m = float(min(_HUGE_M, most * wavelength_um * 1e-6 / np.pi))
-        more = f" {end_m!r}"
+        largest_x = mie.SIZE_PARAMETERS[1] * np.exp(-2 * AVERAGED)  # means reach beyond the end
+        end_m = float(min(_HUGE_M, largest_x * wavelength_um * 1e-6 / np.pi))
+        end = f" {end_m!r}"
     arrays = cached(
         cache,
         kind="mie",
-        text=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}{more}",
+        description=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}"
+        f"{end}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, end_m=end_m),
     )
     start, step = (float(value) for value in arrays["axis"])
@@ -168,19 +171,43 @@ def scaled(x: Floats, solved: mie.Efficiencies) -> tuple[Floats, Floats, Floats]
     return scattering, solved.absorption * np.sqrt(1 + x * x) / x, solved.asymmetry
 
 
+def check_by_miepython(*, n: float, k: float, largest_x: float) -> None:
+    """Compares Mie's solution at five sizes with miepython; raises DropletError if they differ."""
+    import miepython  # half of a second, for the tables that few runs make
+
+    x = np.geomspace(1.0, min(max(largest_x, 1.0), 100.0), 5)
+    solved = mie.efficiencies(n=n, k=k, x=x)
+    extinction, scattering, _, asymmetry = miepython.efficiencies_mx(complex(n, -k), x)
+    for name, cldits, second in (
+        ("Q_ext", solved.extinction, extinction),
+        ("Q_sca", solved.scattering, scattering),
+        ("g Q_sca", solved.asymmetry * solved.scattering, asymmetry * scattering),
+    ):
+        apart = np.abs(cldits - second) / np.maximum(extinction, np.abs(second))
+        if not np.all(apart <= _SECOND_PROGRAM):
+            worst = int(np.argmax(apart))
+            raise DropletError(
+                f"Mie: {name} at x = {x[worst]:.3g}, m = {n:g} - {k:g}i is {cldits[worst]:.8g}, by "
+                f"miepython {second[worst]:.8g}; allowed: {_SECOND_PROGRAM:g} apart. Is NumPy or "
+                "miepython damaged?"
+            )
+
+
 def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
-    end = np.log(np.pi * end_m * 1e6 / wavelength_um)
+    largest_x = np.pi * end_m * 1e6 / wavelength_um
+    check_by_miepython(n=n, k=k, largest_x=largest_x)
+    end = np.log(largest_x)
     start = min(np.log(0.01), np.log(np.pi * SMALLEST_M * 1e6 / wavelength_um), end - 1)
     count = int((end - start) / _STEP) + 1
     step = (end - start) / (count - 1)
     if k >= POINTWISE_K:
         # Absorption k makes every feature wider than k / n in ln x.
-        some = np.arange(count)[::_COARSER] if k >= _SMOOTH * n else np.arange(count)
-        some = np.union1d(some, [count - 1])
-        x = np.exp(start + step * some)
+        entries = np.arange(count)[::_COARSER] if k >= _SMOOTH * n else np.arange(count)
+        entries = np.union1d(entries, [count - 1])
+        x = np.exp(start + step * entries)
         solved = scaled(x, mie.efficiencies(n=n, k=k, x=x))
         scattering, absorption, g = (
-            np.asarray(CubicSpline(some, column)(np.arange(count))) for column in solved
+            np.asarray(CubicSpline(entries, column)(np.arange(count))) for column in solved
         )
     else:
         finer = _FINER[0] if k >= _SHARP else _FINER[1]
@@ -220,13 +247,13 @@ class TableError:
         return max(self.scattering, self.absorption, self.asymmetry)
 
 
-def resolved(*, n: float, k: float, span: float, least: int) -> int:
+def resolved(*, n: float, k: float, span: float, minimum: int) -> int:
     """Number of samples over a span of ln x that resolve any resonance of the index n - ik.
 
     With two per half width k / n, means of Mie's solutions are exact. Below k = 1e-7 that is too
-    many, and `mie.efficiencies` needs the spacing. `least` is the smallest number.
+    many, and `mie.efficiencies` needs the spacing. `minimum` is the smallest number.
     """
-    return max(least, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else least)
+    return max(minimum, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else minimum)
 
 
 def table_error(table: DropletTable, *, samples: int = 400) -> TableError:
@@ -240,19 +267,19 @@ def table_error(table: DropletTable, *, samples: int = 400) -> TableError:
     offsets: Floats = np.zeros(1)
     spacing = 0.0
     if table.k < POINTWISE_K:
-        count = resolved(n=table.n, k=table.k, span=2 * AVERAGED, least=600)
+        count = resolved(n=table.n, k=table.k, span=2 * AVERAGED, minimum=600)
         samples = int(np.clip(2e6 / count, 4, max(samples // 8, 1)))
         spacing = 2 * AVERAGED / count
         offsets = np.asarray(spacing * (np.arange(count) + 0.5) - AVERAGED, np.float64)
     weight = np.maximum(1.0 - np.abs(offsets) / AVERAGED, 0.0)
     weight /= weight.sum()
     centres = np.exp(random.uniform(low, high, samples))
-    found = np.array(table.efficiencies(centres * table.wavelength_um * 1e-6 / np.pi))
+    tabulated = np.array(table.efficiencies(centres * table.wavelength_um * 1e-6 / np.pi))
     errors = np.zeros((samples, 3))
-    for number, (x, (q_ext, q_sca, g)) in enumerate(zip(centres, found.T, strict=True)):
-        near = x * np.exp(offsets)
-        flat = mie.efficiencies(n=table.n, k=table.k, x=near, spacing=spacing)
-        scattering, absorption, asymmetry = scaled(near, flat)
+    for number, (x, (q_ext, q_sca, g)) in enumerate(zip(centres, tabulated.T, strict=True)):
+        samples_x = x * np.exp(offsets)
+        flat = mie.efficiencies(n=table.n, k=table.k, x=samples_x, spacing=spacing)
+        scattering, absorption, asymmetry = scaled(samples_x, flat)
         exact_sca = weight @ scattering * x**4 / (1 + x**4)
         exact_abs = weight @ absorption * x / np.sqrt(1 + x**2)
         exact_g = weight @ (asymmetry * scattering) / (weight @ scattering)

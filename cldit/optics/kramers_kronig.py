@@ -72,9 +72,9 @@ def _integral(number: Floats, k: Floats, at: Floats) -> Floats:
     total = np.full(at.shape, np.sum(np.diff(height)))
     for begin in range(0, at.size, _ROWS):
         a = at[begin : begin + _ROWS, None]
-        apart = np.abs(v - a)
-        near = np.log(np.where(apart > 1e-14 * a, apart, 1.0))
-        far = np.log(v + a)
-        pieces = (level + slope * a) * np.diff(near) + (level - slope * a) * np.diff(far)
+        distance = np.abs(v - a)
+        differences = np.diff(np.log(np.where(distance > 1e-14 * a, distance, 1.0)))
+        sums = np.diff(np.log(v + a))
+        pieces = (level + slope * a) * differences + (level - slope * a) * sums
         total[begin : begin + _ROWS] += 0.5 * np.sum(pieces, axis=1)
     return total

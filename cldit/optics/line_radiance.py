@@ -63,8 +63,8 @@ class Glow:
 
         def black(temperature_K: Floats) -> Floats:
             shares = spline(np.log(np.clip(temperature_K, low, high)))
-            whole = band_radiance(temperature_K, filter_um=fine.filter_um)
-            return np.asarray(whole[..., None] * shares)
+            total = band_radiance(temperature_K, filter_um=fine.filter_um)
+            return np.asarray(total[..., None] * shares)
 
         coldest, hottest = (f(scene.background.temperatures_K) for f in (min, max))
         if hottest <= coldest:  # a single background: assume a second one
@@ -78,8 +78,8 @@ class Glow:
 
     def gathered(self, groups: Groups) -> "Glow":
         """Sums over the samples of each group, whose numbers are `groups` (S,)."""
-        each = belongs(groups)
-        return Glow(*(x @ each for x in (self.vapour, self.droplets, self.walls, self.ends)))
+        membership = belongs(groups)
+        return Glow(*(x @ membership for x in (self.vapour, self.droplets, self.walls, self.ends)))
 
     def apparent(
         self, depths: tuple[Floats, Floats, Floats], filter_um: Filter
@@ -95,9 +95,9 @@ class Glow:
         total = depths[0] + depths[1] + depths[2]
         free = _escaping(total)
         per = 1.0 / np.where(total > 0, total, 1.0)
-        own = (depths[0] * self.vapour + depths[1] * self.droplets) * per
+        emitted_mean = (depths[0] * self.vapour + depths[1] * self.droplets) * per
         again = 1.0 - (1.0 - free) * depths[2] * per  # 0 only if nothing is absorbed or leaves
-        turned = (free * self.walls + (1.0 - free) * own) / np.maximum(again, 1e-12)
+        turned = (free * self.walls + (1.0 - free) * emitted_mean) / np.maximum(again, 1e-12)
         sent = vapour * self.vapour + liquid * self.droplets + scattered * turned
         slope = through @ (hot - cold) / (hot.sum() - cold.sum())
         intercept = sent.sum(axis=(1, 2)) + through @ cold - slope * cold.sum()

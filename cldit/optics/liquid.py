@@ -26,7 +26,7 @@ Status = Literal["measured", "estimate", "user"]
 
 _DATA = "cldit.optics.data"
 _PREFIX = "liquid-"
-_REFERENCE_PER_CM = 3000.0
+_REFERENCE_PER_CM = 3000.0  # at which the background's n is c0 + c1 + c2; about the C-H band
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,13 @@ def read_liquid_table(path: Path) -> Liquid:
     `formula 1` or `formula 2` (Sellmeier). Wavelengths may rise or fall.
     """
     try:
-        text = read_text(path)
+        content = read_text(path)
     except FileError as error:
         raise OpticsError(str(error)) from error
     if path.suffix.lower() in (".yml", ".yaml"):
-        table, source, temperature_K = _from_yaml(text, path)
+        table, source, temperature_K = _from_yaml(content, path)
     else:
-        table, source, temperature_K = _from_csv(text, path), str(path), None
+        table, source, temperature_K = _from_csv(content, path), str(path), None
     return Liquid(
         name=path.stem,
         source=source,
@@ -42,9 +42,9 @@ def read_liquid_table(path: Path) -> Liquid:
     )
 
 
-def _from_csv(text: str, path: Path) -> Table:
+def _from_csv(content: str, path: Path) -> Table:
     rows: list[list[float]] = []
-    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    lines = [line for line in content.splitlines() if line.strip() and line.lstrip()[0] != "#"]
     for place, row in enumerate(csv.reader(lines)):
         try:
             rows.append([float(cell) for cell in row])
@@ -61,8 +61,8 @@ def _from_csv(text: str, path: Path) -> Table:
     return _table(np.array(rows, dtype=float).reshape(-1, 3), path)
 
 
-def _from_yaml(text: str, path: Path) -> tuple[Table, str, float | None]:
-    data = parse_yaml(text, source=str(path), error=OpticsError)
+def _from_yaml(content: str, path: Path) -> tuple[Table, str, float | None]:
+    data = parse_yaml(content, source=str(path), error=OpticsError)
     parts = data.get("DATA") if isinstance(data, dict) else None
     if not isinstance(parts, list) or not all(isinstance(part, dict) for part in parts):
         raise OpticsError(f"{path}: has no DATA list, as files of refractiveindex.info have")
@@ -135,8 +135,8 @@ def _sellmeier(part: dict[str, Any], wavelength_um: Floats, path: Path) -> Float
 
 def _temperature_K(data: dict[str, Any]) -> float | None:
     conditions = data.get("CONDITIONS")
-    given = conditions.get("temperature") if isinstance(conditions, dict) else None
-    return float(given) if isinstance(given, int | float) else None
+    temperature = conditions.get("temperature") if isinstance(conditions, dict) else None
+    return float(temperature) if isinstance(temperature, int | float) else None
 
 
 def _table(rows: Floats, path: Path) -> Table:
@@ -147,7 +147,7 @@ def _table(rows: Floats, path: Path) -> Table:
         raise OpticsError(f"{path}: line {line + 1} of the numbers is not finite")
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     wavelength, n, k = rows.T
-    check_um(wavelength, what=str(path))
+    check_um(wavelength, label=str(path))
     if np.any(np.diff(wavelength) <= 0):
         twice = wavelength[:-1][np.diff(wavelength) <= 0][0]
         raise OpticsError(f"{path}: the wavelength {twice:g} um occurs twice")
@@ -161,8 +161,8 @@ def _table(rows: Floats, path: Path) -> Table:
     return Table(wavelength, n, k)
 
 
-def check_um(wavelength_um: Floats, *, what: str) -> None:
-    """Checks that wavelengths (N,) can be in um; the error for `what` guesses their unit."""
+def check_um(wavelength_um: Floats, *, label: str) -> None:
+    """Checks that wavelengths (N,) can be in um; the error, with `label`, guesses their unit."""
     low, high = float(np.min(wavelength_um)), float(np.max(wavelength_um))
     if _UNIT_UM[0] <= low and high <= _UNIT_UM[1]:
         return
@@ -172,6 +172,6 @@ def check_um(wavelength_um: Floats, *, what: str) -> None:
     elif low >= 100.0:
         hint = "nm (divide by 1000), or wavenumbers in 1/cm (1e4 divided by them gives um)"
     raise OpticsError(
-        f"{what}: wavelengths {low:g}..{high:g} look like {hint}; allowed: "
+        f"{label}: wavelengths {low:g}..{high:g} look like {hint}; allowed: "
         f"{_UNIT_UM[0]:g}..{_UNIT_UM[1]:g} um"
     )

@@ -82,11 +82,11 @@ def efficiencies(*, n: float, k: float, x: ArrayLike, spacing: float = 0.0) -> E
 
 def _chunk(rising: Floats) -> int:
     """Number of rising sizes to solve together, with similar numbers of terms and in memory."""
-    most = max(1, int(_BYTES / (64 * terms(float(rising[0])))))
+    limit = max(1, int(_BYTES / (64 * terms(float(rising[0])))))
     alike = int(np.searchsorted(rising, 1.15 * rising[0] + 2, side="right"))
     if rising[0] < _SMALL:
         alike = int(np.searchsorted(rising, _SMALL))
-    return max(1, min(most, alike))
+    return max(1, min(limit, alike))
 
 
 @dataclass(frozen=True)
@@ -125,17 +125,17 @@ def coefficients(*, n: float, k: float, x: Floats) -> tuple[Complex, Complex]:
     return series.a, series.b
 
 
-def _inner(m: complex, x: Floats, last: int) -> Complex:
+def _inner(m: complex, x: Floats, highest: int) -> Complex:
     """Logarithmic derivatives psi_n'(z) / psi_n(z) at z = m x, orders 0 .. last, (last + 1, S)."""
     z = np.asarray(m * x, np.complex128)
     largest = float(np.abs(z).max())
-    start = max(last, int(largest + 4.05 * np.cbrt(largest))) + 20
-    inner = np.zeros((last + 1, z.size), dtype=complex)
+    start = max(highest, int(largest + 4.05 * np.cbrt(largest))) + 20
+    inner = np.zeros((highest + 1, z.size), dtype=complex)
     d = np.zeros(z.size, dtype=complex)
     for order in range(start, 0, -1):
         ratio = order / z
         d = ratio - 1.0 / (d + ratio)
-        if order - 1 <= last:
+        if order - 1 <= highest:
             inner[order - 1] = d
     return inner
 
@@ -144,39 +144,39 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
     m = complex(n, k)  # the sign of k is that of exp(-i w t); only moduli and real parts are used
     broad = complex(n, max(k, _SEEN * spacing * n))
     count = np.array([terms(size) for size in x])
-    last = int(count.max())
-    inner = _inner(m, x, last)
-    broader = _inner(broad, x, last) if 0 < k < broad.imag else None
-    outer = _inner(1.0 + 0j, x, last).real if x.max() < _SMALL else None
-    a = np.zeros((last, x.size), dtype=complex)
+    highest = int(count.max())
+    inner = _inner(m, x, highest)
+    broader = _inner(broad, x, highest) if 0 < k < broad.imag else None
+    outer = _inner(1.0 + 0j, x, highest).real if x.max() < _SMALL else None
+    a = np.zeros((highest, x.size), dtype=complex)
     b = np.zeros_like(a)
-    absorbed = np.zeros((last, x.size))
-    before, psi = np.cos(x), np.sin(x)
+    absorbed = np.zeros((highest, x.size))
+    psi_before, psi = np.cos(x), np.sin(x)
     chi_before, chi = -np.sin(x), np.cos(x)
-    for order in range(1, last + 1):
+    for order in range(1, highest + 1):
         factor = (2 * order - 1) / x
         if outer is None:
-            before, psi = psi, factor * psi - before
+            psi_before, psi = psi, factor * psi - psi_before
         else:
-            before, psi = psi, psi / (outer[order] + order / x)
+            psi_before, psi = psi, psi / (outer[order] + order / x)
         with np.errstate(over="ignore", invalid="ignore"):  # of orders that a sphere does not need
             chi_before, chi = chi, factor * chi - chi_before
-            here = _Order(order, x, psi - 1j * chi, before - 1j * chi_before)
-            for power, found in ((-1, a), (1, b)):
+            sphere = _Order(order, x, psi - 1j * chi, psi_before - 1j * chi_before)
+            for power, series in ((-1, a), (1, b)):
                 matched = inner[order] * m**power
-                wave = here.wave(matched)
+                wave = sphere.wave(matched)
                 if outer is None:
-                    found[order - 1] = ((matched + order / x) * psi - before) / wave
+                    series[order - 1] = ((matched + order / x) * psi - psi_before) / wave
                 else:
-                    found[order - 1] = psi * (matched - outer[order]) / wave
+                    series[order - 1] = psi * (matched - outer[order]) / wave
                 if k > 0:
                     lost = _absorbed(matched, wave)
                     if broader is not None:
                         matched = broader[order] * broad**power
-                        more = _absorbed(matched, here.wave(matched))
-                        lost = here.seen(lost, more, m, broad.imag, power)
+                        broadened = _absorbed(matched, sphere.wave(matched))
+                        lost = sphere.seen(lost, broadened, m, broad.imag, power)
                     absorbed[order - 1] += lost
-    beyond = np.arange(1, last + 1)[:, None] > count
+    beyond = np.arange(1, highest + 1)[:, None] > count
     for values in (a, b, absorbed):
         values[beyond] = 0.0
     return _Series(a, b, absorbed)
@@ -203,8 +203,8 @@ class _Order:
     def wave(self, matched: Complex) -> Complex:
         return np.asarray((matched + self.order / self.x) * self.xi - self.xi_before)
 
-    def seen(self, lost: Floats, more: Floats, m: complex, larger_k: float, power: int) -> Floats:
-        """`lost`, or `more`, of the larger k, times the ratio of areas if a resonance is narrow.
+    def seen(self, lost: Floats, broad: Floats, m: complex, larger_k: float, power: int) -> Floats:
+        """`lost`, or `broad`, of the larger k, times the ratio of areas if a resonance is narrow.
 
         The area of a resonance of widths f by radiation and k e by absorption is proportional to
         k e f / (f + k e); f = |Im xi' / xi| = 1 / |xi|^2 and e = -d(m^power D) / dm, by the
@@ -218,7 +218,7 @@ class _Order:
         taken = -(power * d + n * x * slope) * n ** (power - 1)
         narrow = (self.order < n * x) & (taken > 0) & (radiated + k * taken < larger_k * taken)
         ratio = (k / larger_k) * (radiated + larger_k * taken) / (radiated + k * taken)
-        return np.where(narrow, more * ratio, lost)
+        return np.where(narrow, broad * ratio, lost)
 
 
 def intensity(a: Complex, b: Complex, cosine: Floats) -> Floats:

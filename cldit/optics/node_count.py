@@ -20,11 +20,11 @@ def stays_K(errors_K: Sequence[float], count: int) -> float:
     return float(max(errors_K[count - 1 :]))
 
 
-def enough(errors_K: ArrayLike, *, bound_K: float, most: int) -> int:
-    """The smallest number of nodes, up to `most`, from which the error stays within a bound.
+def enough(errors_K: ArrayLike, *, bound_K: float, limit: int) -> int:
+    """The smallest number of nodes, up to `limit`, from which the error stays within a bound.
 
-    If there is none, it is the smallest number whose error stays as small as that of `most`. Errors
-    of 1, 2, .. nodes beyond `most` make the choice more certain.
+    If there is none, it is the smallest number whose error stays as small as that of `limit`.
+    Errors of numbers beyond `limit` make the choice more certain.
     """
-    stays = np.maximum.accumulate(np.asarray(errors_K, float)[::-1])[::-1][:most]
+    stays = np.maximum.accumulate(np.asarray(errors_K, float)[::-1])[::-1][:limit]
     return 1 + int(np.flatnonzero(stays <= max(bound_K, float(stays[-1])))[0])

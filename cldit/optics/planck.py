@@ -22,16 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Filter, cut, edges_um
 
 if TYPE_CHECKING:  # half of a second, for tables that few processes make
     from scipy.interpolate import CubicHermiteSpline
 
-LIGHT_SPEED_m_s = 299792458.0  # exact in the SI
-SECOND_RADIATION_CONSTANT_m_K = 6.62607015e-34 * 299792458.0 / 1.380649e-23  # h c / k, exact
-
-_REACH = 50.0  # exp(-50) = 2e-22
-_CHUNK = 1 << 16
+_REACH = 50.0  # in x beyond the long edge: exp(-50) = 2e-22 of the integrand is left
+_CHUNK = 1 << 16  # temperatures at a time: at up to 49 nodes each array has 26 MB
 _SPAN = (1e-8, 2000.0)  # x of the inverse's table; float64 radiance ends near x = 850
 _NODES = 16384  # cubic Hermite: (26 / 16384)^4 * 6 / 384 = 1e-13
 _FEW = 4096  # temperatures that are integrated one by one; more are read from a table
@@ -50,8 +48,8 @@ class _Piece:
 @lru_cache(maxsize=64)
 def _pieces(filter_um: Filter, low_um: float = 0.0, high_um: float = np.inf) -> tuple[_Piece, ...]:
     """Pieces with a response above 0, the longest wavelength first."""
-    first, last = edges_um(filter_um)
-    pairs = cut(filter_um, max(first, low_um), min(last, high_um))
+    begin, end = edges_um(filter_um)
+    pairs = cut(filter_um, max(begin, low_um), min(end, high_um))
     pieces = [
         _Piece(short * 1e-6, long * 1e-6, at_short, at_long)
         for (short, at_short), (long, at_long) in pairwise(pairs)
@@ -68,8 +66,8 @@ def _legendre(count: int) -> tuple[Floats, Floats]:
 
 def _log_band(temperature_K: Floats, pieces: tuple[_Piece, ...]) -> tuple[Floats, Floats]:
     """ln B and d ln B / d ln T of positive, finite temperatures (N,)."""
-    first = SECOND_RADIATION_CONSTANT_m_K / (pieces[0].long * temperature_K)
-    total, rise = np.zeros_like(first), np.zeros_like(first)
+    start_longest = SECOND_RADIATION_CONSTANT_m_K / (pieces[0].long * temperature_K)
+    total, rise = np.zeros_like(start_longest), np.zeros_like(start_longest)
     for piece in pieces:
         start = SECOND_RADIATION_CONSTANT_m_K / (piece.long * temperature_K)
         width = np.minimum(start * (piece.long / piece.short - 1.0), _REACH)
@@ -83,12 +81,12 @@ def _log_band(temperature_K: Floats, pieces: tuple[_Piece, ...]) -> tuple[Floats
             part = beyond / x * (piece.long / (piece.long - piece.short))
             damped *= piece.at_long + (piece.at_short - piece.at_long) * part
         one_less = -np.expm1(-x)
-        shift = width * np.exp(first - start)
+        shift = width * np.exp(start_longest - start)
         total += shift * ((damped / one_less) @ weights)
         # dB/dT at fixed wavelength: x e^x / (e^x - 1) / T times the integrand.
         rise += shift * ((damped * x / one_less**2) @ weights)
     cubed = 3.0 * np.log(temperature_K / SECOND_RADIATION_CONSTANT_m_K)
-    log_band = np.log(2.0 * LIGHT_SPEED_m_s) + cubed + np.log(total) - first
+    log_band = np.log(2.0 * LIGHT_SPEED_m_s) + cubed + np.log(total) - start_longest
     return log_band, rise / total
 
 
@@ -204,13 +202,13 @@ def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> Floats:
     log_band = np.log(value[usable])
     inside = np.minimum(log_band, top)
     # Above the table (x < 1e-8, 4e11 K at 3.4 um) B grows in proportion to T.
-    found = np.exp(spline(inside) + (log_band - inside))
+    temperature = np.exp(spline(inside) + (log_band - inside))
     if slope:
         with np.errstate(over="ignore"):
-            found = found * spline(inside, 1) / value[usable]
-        last = np.exp(log_temperature - top)  # Rayleigh-Jeans: dT/dB is constant
-        out[np.isposinf(value)] = last
-    out[usable] = found
+            temperature = temperature * spline(inside, 1) / value[usable]
+        limit = np.exp(log_temperature - top)  # Rayleigh-Jeans: dT/dB is constant
+        out[np.isposinf(value)] = limit
+    out[usable] = temperature
     return np.asarray(out)
 
 

@@ -24,7 +24,7 @@ class Response:
     pairs: tuple[tuple[float, float], ...]  # wavelength_um, value
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pairs", check_curve(self.pairs, what="filter_um"))
+        object.__setattr__(self, "pairs", check_curve(self.pairs, source="filter_um"))
 
     def at(self, wavelength_um: ArrayLike) -> Floats:
         """The response at wavelengths [um], any shape; 0 outside the table."""
@@ -41,9 +41,9 @@ def edges_um(filter_um: Filter) -> tuple[float, float]:
     """The lowest and highest wavelength of the filter."""
     if isinstance(filter_um, Response):
         values = [value for _, value in filter_um.pairs]
-        some = np.flatnonzero(values)
-        first, last = max(int(some[0]) - 1, 0), min(int(some[-1]) + 1, len(values) - 1)
-        return filter_um.pairs[first][0], filter_um.pairs[last][0]
+        transparent = np.flatnonzero(values)
+        begin, end = max(int(transparent[0]) - 1, 0), min(int(transparent[-1]) + 1, len(values) - 1)
+        return filter_um.pairs[begin][0], filter_um.pairs[end][0]
     low, high = filter_um
     if not 0.0 < low < high < np.inf:
         raise SceneError(
@@ -58,8 +58,8 @@ def cut(filter_um: Filter, low_um: float, high_um: float) -> tuple[tuple[float, 
     if not isinstance(filter_um, Response):
         return ((low_um, 1.0), (high_um, 1.0))
     inside = [pair for pair in filter_um.pairs if low_um < pair[0] < high_um]
-    first, last = filter_um.at([low_um, high_um])
-    return ((low_um, float(first)), *inside, (high_um, float(last)))
+    at_low, at_high = filter_um.at([low_um, high_um])
+    return ((low_um, float(at_low)), *inside, (high_um, float(at_high)))
 
 
 def values_at(filter_um: Filter, wavelength_um: ArrayLike) -> Floats:
@@ -73,31 +73,31 @@ def values_at(filter_um: Filter, wavelength_um: ArrayLike) -> Floats:
 
 def scene_filter(scene: Scene) -> Filter:
     """The response of the scene's camera."""
-    own = from_plain(scene.optics.filter_um)
+    response = from_plain(scene.optics.filter_um)
     efficiency = scene.camera.sensor.quantum_efficiency
-    return own if isinstance(efficiency, float) else product(own, Response(efficiency))
+    return response if isinstance(efficiency, float) else product(response, Response(efficiency))
 
 
-def product(filter_um: Filter, other: Response) -> Response:
-    """`filter_um` times the response `other`, with 8 linear pieces in each common piece.
+def product(filter_um: Filter, factor: Response) -> Response:
+    """`filter_um` times the response `factor`, with 8 linear pieces in each common piece.
 
     The product of two linear pieces is a parabola; eight chords leave 1/64 of its deviation.
     """
-    (low, high), (start, end) = edges_um(filter_um), edges_um(other)
+    (low, high), (start, end) = edges_um(filter_um), edges_um(factor)
     low, high = max(low, start), min(high, end)
     if not low < high:
         raise SceneError(
             f"camera.sensor.quantum_efficiency: covers {start:g} to {end:g} um, no part of "
             "optics.filter_um; allowed: a table that covers the filter"
         )
-    known = [low, high, *(wavelength for wavelength, _ in other.pairs)]
+    wavelengths = [low, high, *(wavelength for wavelength, _ in factor.pairs)]
     if isinstance(filter_um, Response):
-        known += [wavelength for wavelength, _ in filter_um.pairs]
-    corners = np.unique(np.clip(known, low, high))
+        wavelengths += [wavelength for wavelength, _ in filter_um.pairs]
+    corners = np.unique(np.clip(wavelengths, low, high))
     points = np.interp(
         np.arange(8 * (len(corners) - 1) + 1) / 8.0, np.arange(len(corners)), corners
     )
-    values = values_at(filter_um, points) * other.at(points)
+    values = values_at(filter_um, points) * factor.at(points)
     return Response(tuple(zip(points.tolist(), values.tolist(), strict=True)))
 
 

@@ -72,8 +72,8 @@ def scene_phase(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"]
 
 def has_coefficients(spray: Spray) -> bool:
     """True if scattering is given by coefficients, without droplets."""
-    given = spray.prescribed
-    return given is not None and bool(np.any(given.droplet_scattering_per_m > 0))
+    prescribed = spray.prescribed
+    return prescribed is not None and bool(np.any(prescribed.droplet_scattering_per_m > 0))
 
 
 def henyey_greenstein(g: float) -> Cumulative:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.medium.deposit import PlacedBoxes
 from cldit.medium.lattice import Lattice
 from cldit.spray.extent import Box, Cloud
@@ -20,8 +21,7 @@ from cldit.spray.result import Parcels, Spray, Vapour
 _ACROSS = 256  # beams each way at most: 50 MB for each amount
 _BINS = 14  # of equal width in depth and in temperature, whose lines are alike
 _SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot around it
-_SIZES = 6
-_MOLE = 6.02214076e23
+_SIZES = 6  # classes of droplets, of equal area
 _TYPICAL_m2_mol = 30.0  # to sort lines by thickness; any fuel's C-H band, in order of magnitude
 _THIN = 0.05  # optical depth below which a line is ignored, unless all are
 
@@ -56,12 +56,12 @@ class Sightlines:
         )
         vapour, warm = beams.columns(gas.lower_m, gas.upper_m, [gas.mol, gas.mol * gas.kelvin])
         bounds, diameter = _sizes(drops.diameter_m, drops.area_m2)
-        which = np.searchsorted(bounds, drops.diameter_m)
+        number = np.searchsorted(bounds, drops.diameter_m)
         *classes, drops_warm = beams.columns(
             drops.lower_m,
             drops.upper_m,
             [
-                *(np.where(which == size, drops.area_m2, 0.0) for size in range(len(diameter))),
+                *(np.where(number == size, drops.area_m2, 0.0) for size in range(len(diameter))),
                 drops.area_m2 * drops.kelvin,
             ],
         )
@@ -88,12 +88,12 @@ def _strata(depth: Floats, kelvin: Floats) -> tuple[NDArray[np.intp], Floats]:
     order = np.argsort(depth, kind="stable")
     seen = order[depth[order] > min(_THIN, 0.5 * float(depth.max()))]
     bins = [
-        np.digitize(one, np.linspace(one.min(), one.max(), _BINS + 1)[1:-1])
-        for one in (np.log(depth[seen]), kelvin[seen])
+        np.digitize(quantity, np.linspace(quantity.min(), quantity.max(), _BINS + 1)[1:-1])
+        for quantity in (np.log(depth[seen]), kelvin[seen])
     ]
     classes, count = np.unique(bins[0] * _BINS + bins[1], return_counts=True)
-    inside = (np.flatnonzero(bins[0] * _BINS + bins[1] == one) for one in classes)
-    middle = np.array([every[len(every) // 2] for every in inside], np.intp)
+    inside = (np.flatnonzero(bins[0] * _BINS + bins[1] == label) for label in classes)
+    middle = np.array([members[len(members) // 2] for members in inside], np.intp)
     thin = np.argsort(middle)
     return seen[middle[thin]], count[thin].astype(float)
 
@@ -114,8 +114,8 @@ class Beams:
     def around(cls, lower_m: Floats, upper_m: Floats, *, width_m: float) -> "Beams":
         """Beams of `width_m` or wider through boxes or points with corners (N, 3)."""
         low, high = lower_m.min(axis=0), upper_m.max(axis=0)
-        most = np.array([_ACROSS, _SLICES, _ACROSS])
-        shape = np.clip(np.floor((high - low) / width_m + 1e-6).astype(int), 1, most)
+        limit = np.array([_ACROSS, _SLICES, _ACROSS])
+        shape = np.clip(np.floor((high - low) / width_m + 1e-6).astype(int), 1, limit)
         # Content narrower than a beam is at its centre, as it would be in one cell of the trace.
         pitch = np.maximum((high - low) / shape, width_m)
         middle = (low + high) / 2.0
@@ -182,7 +182,7 @@ class _Gas:
     def of(cls, vapour: Vapour | None) -> "_Gas":
         if vapour is None:
             return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-        mol = vapour.number_density_m3 * vapour.cells.volume_m3 / _MOLE
+        mol = vapour.number_density_m3 * vapour.cells.volume_m3 / AVOGADRO_PER_MOL
         held = mol > 0
         cells = vapour.cells
         return cls(cells.lower_m[held], cells.upper_m[held], mol[held], vapour.temperature_K[held])
@@ -237,9 +237,9 @@ def _sizes(diameter_m: Floats, area_m2: Floats) -> tuple[Floats, Floats]:
     order = np.argsort(diameter_m)
     share = np.cumsum(area_m2[order]) / area_m2.sum()
     bounds = np.unique(np.interp(np.arange(1, _SIZES) / _SIZES, share, diameter_m[order]))
-    which = np.searchsorted(bounds, diameter_m)
-    total = np.bincount(which, area_m2, len(bounds) + 1)
-    mean = np.bincount(which, area_m2 * diameter_m, len(bounds) + 1)
+    size_class = np.searchsorted(bounds, diameter_m)
+    total = np.bincount(size_class, area_m2, len(bounds) + 1)
+    mean = np.bincount(size_class, area_m2 * diameter_m, len(bounds) + 1)
     full = np.where(total > 0, total, 1.0)
     middle = np.where(total > 0, mean / full, diameter_m.max())
     return bounds, middle

@@ -136,15 +136,15 @@ class SpectralNode:
         if len(self.quadrature.members) == 1:
             return np.ones_like(given_K)
         spline = self.quadrature.shares
-        one = CubicSpline.construct_fast(spline.c[..., self.number], spline.x)
+        spline_of_node = CubicSpline.construct_fast(spline.c[..., self.number], spline.x)
         with np.errstate(divide="ignore"):
             place = np.log(np.maximum(given_K, 0.0))
-        return np.asarray(one(np.clip(place, spline.x[0], spline.x[-1])))
+        return np.asarray(spline_of_node(np.clip(place, spline.x[0], spline.x[-1])))
 
     def radiance(self, temperature_K: ArrayLike) -> Floats:
         """Black-body photon radiance in the node, photons s-1 m-2 sr-1, any shape."""
-        whole = band_radiance(temperature_K, filter_um=self.quadrature.filter_um)
-        return np.asarray(whole * self.share(temperature_K))
+        total = band_radiance(temperature_K, filter_um=self.quadrature.filter_um)
+        return np.asarray(total * self.share(temperature_K))
 
     def pane(self, window: Window) -> Pane:
         """The window's mean transmission and reflection in the node."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
+from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.optics.liquid import Liquid, liquid
 from cldit.optics.liquid_table import read_liquid_table
 from cldit.optics.response import Filter, edges_um
@@ -22,11 +23,10 @@ from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
 
 _STEP_per_cm = 2.0  # a sixth of the narrowest bands of n-heptane, liquid and vapour
-_MOST = 400
+_MOST = 400  # samples of a filter: 800 1/cm at that step, wider filters have wider steps
 _GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
-_VAPOUR_KNOTS = 5
+_VAPOUR_KNOTS = 5  # temperatures of the vapour, between which its absorption is linear
 _LIQUID_SPAN_K = 5.0  # k follows the density, 0.15 %/K and nearly straight: two ends suffice
-_ROOM_Pa = 101325.0
 
 
 def fuel_of(scene: Scene, spray: Spray) -> str:
@@ -34,29 +34,22 @@ def fuel_of(scene: Scene, spray: Spray) -> str:
     return spray.fuel or getattr(scene.spray, "fuel", "n-heptane")
 
 
-@dataclass(frozen=True)
-class Substances:
-    """Liquid and vapour of a spray; None for a phase that is absent."""
+def liquid_of(scene: Scene, spray: Spray) -> Liquid | None:
+    """Liquid that the scene names, or the spray's fuel; None without parcels."""
+    if spray.parcels is None or not len(spray.parcels.diameter_m):
+        return None
+    name = scene.optics.liquid or fuel_of(scene, spray)
+    path = Path(name)
+    return read_liquid_table(path) if path.suffix else liquid(name)
 
-    liquid: Liquid | None
-    vapour: VapourBand | None
 
-    @classmethod
-    def of(cls, scene: Scene, spray: Spray) -> "Substances":
-        """The substances that the scene names, or the spray's fuel."""
-        fuel = fuel_of(scene, spray)
-        found = None
-        if spray.parcels is not None and len(spray.parcels.diameter_m):
-            name = scene.optics.liquid or fuel
-            path = Path(name)
-            found = read_liquid_table(path) if path.suffix else liquid(name)
-        band = None
-        if spray.vapour is not None and len(spray.vapour.number_density_m3):
-            name = scene.optics.vapour or fuel
-            area = scene.optics.vapour_area_km_mol
-            path = Path(name)
-            band = read_xsc(path) if path.suffix else vapour_band(name, area_km_mol=area)
-        return cls(found, band)
+def vapour_of(scene: Scene, spray: Spray) -> VapourBand | None:
+    """Vapour that the scene names, or the spray's fuel; None without vapour."""
+    if spray.vapour is None or not len(spray.vapour.number_density_m3):
+        return None
+    name, area = scene.optics.vapour or fuel_of(scene, spray), scene.optics.vapour_area_km_mol
+    path = Path(name)
+    return read_xsc(path) if path.suffix else vapour_band(name, area_km_mol=area)
 
 
 @dataclass(frozen=True)
@@ -90,24 +83,27 @@ class Spectrum:
     @classmethod
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> "Spectrum":
         """Spectrum over `filter_um` of the scene's substances at the spray's temperatures."""
-        used = Substances.of(scene, spray)
-        edges = _edges(filter_um, used.vapour)
+        substance, band = liquid_of(scene, spray), vapour_of(scene, spray)
+        edges = _edges(filter_um, band)
         count = len(edges) - 1
         interval, part = np.arange(count), np.ones(count)
         vapour_K, vapour = np.zeros(0), np.zeros((0, count))
-        if used.vapour is not None and spray.vapour is not None:
-            there = spray.vapour.temperature_K[spray.vapour.number_density_m3 > 0]
-            vapour_K = _knots(there, _VAPOUR_KNOTS)
-            pressure = getattr(getattr(scene.spray, "ambient", None), "pressure_Pa", _ROOM_Pa)
-            interval, part, vapour = _vapour(used.vapour, edges, vapour_K, pressure)
+        if band is not None and spray.vapour is not None:
+            present_K = spray.vapour.temperature_K[spray.vapour.number_density_m3 > 0]
+            vapour_K = _knots(present_K, _VAPOUR_KNOTS)
+            pressure = getattr(
+                getattr(scene.spray, "ambient", None), "pressure_Pa", STANDARD_ATMOSPHERE_Pa
+            )
+            interval, part, vapour = _vapour(band, edges, vapour_K, pressure)
         liquid_K = np.zeros(0)
         n = k = np.zeros((0, len(part)))
-        if used.liquid is not None and spray.parcels is not None:
-            there = spray.parcels.temperature_K[spray.parcels.droplets > 0]
-            liquid_K = _knots(there, 2 if there.size and np.ptp(there) > _LIQUID_SPAN_K else 1)
+        if substance is not None and spray.parcels is not None:
+            present_K = spray.parcels.temperature_K[spray.parcels.droplets > 0]
+            wide = present_K.size and np.ptp(present_K) > _LIQUID_SPAN_K
+            liquid_K = _knots(present_K, 2 if wide else 1)
             middles = (edges[1:] + edges[:-1]) / 2.0
-            index = [used.liquid.index(middles, float(each_K)) for each_K in liquid_K]
-            n, k = (np.array([pair[which] for pair in index])[:, interval] for which in (0, 1))
+            index = [substance.index(middles, float(each_K)) for each_K in liquid_K]
+            n, k = (np.array(rows)[:, interval] for rows in zip(*index, strict=True))
         return cls(edges, interval, part, vapour_K, vapour, liquid_K, n, k)
 
 
@@ -124,15 +120,15 @@ def _knots(temperature_K: Floats, count: int) -> Floats:
 def _edges(filter_um: Filter, vapour: VapourBand | None) -> Floats:
     """Rising wavelengths; equal steps of wavenumber, or the bins of a vapour with lines."""
     low, high = edges_um(filter_um)
-    first, last = 1e4 / high, 1e4 / low
+    low_per_cm, high_per_cm = 1e4 / high, 1e4 / low
     if vapour is not None and vapour.lines is not None:
         bounds = vapour.number_per_cm[
-            (vapour.number_per_cm > first) & (vapour.number_per_cm < last)
+            (vapour.number_per_cm > low_per_cm) & (vapour.number_per_cm < high_per_cm)
         ]
-        number = np.array([first, *bounds, last])
+        number = np.array([low_per_cm, *bounds, high_per_cm])
     else:
-        count = int(np.clip(np.ceil((last - first) / _STEP_per_cm), 16, _MOST))
-        number = np.linspace(first, last, count + 1)
+        count = int(np.clip(np.ceil((high_per_cm - low_per_cm) / _STEP_per_cm), 16, _MOST))
+        number = np.linspace(low_per_cm, high_per_cm, count + 1)
     edges = 1e4 / number[::-1]
     edges[0], edges[-1] = low, high
     return np.asarray(edges)
@@ -167,8 +163,8 @@ def _vapour(
 
 def _regrouped(groups: KDistribution, weights: Floats) -> Floats:
     """Mean absorption in groups of other weights, in the same rising order."""
-    before = np.concatenate([[0.0], np.cumsum(groups.weights)])
+    cumulative = np.concatenate([[0.0], np.cumsum(groups.weights)])
     total = np.concatenate([[0.0], np.cumsum(groups.weights * groups.absorption_m2_mol)])
     bounds = np.concatenate([[0.0], np.cumsum(weights)])
-    bounds[-1] = before[-1]
-    return np.asarray(np.diff(np.interp(bounds, before, total)) / weights)
+    bounds[-1] = cumulative[-1]
+    return np.asarray(np.diff(np.interp(bounds, cumulative, total)) / weights)

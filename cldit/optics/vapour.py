@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.arrays import Floats
+from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.errors import OpticsError
 from cldit.io.plain_data import parse_yaml
 
@@ -34,7 +35,6 @@ RADCAL_HEPTANE_AREA_KM_MOL = 761.0
 
 _DATA = "cldit.optics.data"
 _PREFIX = "vapour-"
-_ATMOSPHERE_Pa = 101325.0
 _SAMPLES = 4000  # wavelengths over a filter
 _CLASSES = 400  # of ln k, from which the groups of a k-distribution are made
 _WEAKEST = 1e-5  # of the mean: absorbs 0.1 % where the mean's optical depth is 100
@@ -72,7 +72,7 @@ class Elsasser:
     ) -> float:
         """y, the half width over the spacing of the lines, in a gas with this mole fraction."""
         warm = temperature_K / 273.0
-        pressure = pressure_Pa / _ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
+        pressure = pressure_Pa / STANDARD_ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
         return float(self.at_atm * pressure * np.exp(self.growth * (warm - 1)) / np.sqrt(warm))
 
 
@@ -149,15 +149,15 @@ class VapourBand:
         if self.lines is None:
             return _grouped(self.absorption_m2_mol(1e4 / wavelength, temperature_K), share, points)
         bins = self._bin(1e4 / wavelength)
-        whole = np.bincount(bins, share, len(self.number_per_cm))
-        used = np.flatnonzero(whole)
+        bin_share = np.bincount(bins, share, len(self.number_per_cm))
+        used = np.flatnonzero(bin_share)
         mean = self._row(temperature_K)[used]
         y = self.lines.fine_structure(
             temperature_K=temperature_K, pressure_Pa=pressure_Pa, mole_fraction=mole_fraction
         )
         relative, part = _elsasser(y)
         return _grouped(
-            np.outer(mean, relative).ravel(), np.outer(whole[used], part).ravel(), points
+            np.outer(mean, relative).ravel(), np.outer(bin_share[used], part).ravel(), points
         )
 
     def _row(self, temperature_K: float) -> Floats:
@@ -206,7 +206,7 @@ def _grouped(k: Floats, share: Floats, points: int) -> KDistribution:
     bounds = np.interp(np.linspace(0, rise[-1], groups + 1)[1:-1], rise, edges)
     group = np.searchsorted(bounds, log)
     weights = np.bincount(group, share, groups)
-    some = np.flatnonzero(weights > 0)
+    filled = np.flatnonzero(weights > 0)
     weights = np.maximum(weights, 1e-300)
     middle = np.bincount(group, share * k, groups) / weights
     off = k - middle[group]
@@ -220,8 +220,8 @@ def _grouped(k: Floats, share: Floats, points: int) -> KDistribution:
         (middle + sign * spread * (root + sign * skew), 0.5 * weights * (1 - sign * skew / root))
         for sign in (-1, 1)
     ]
-    values = np.maximum(np.concatenate([pair[0][some] for pair in pairs]), 0.0)
-    shares = np.concatenate([pair[1][some] for pair in pairs])
+    values = np.maximum(np.concatenate([pair[0][filled] for pair in pairs]), 0.0)
+    shares = np.concatenate([pair[1][filled] for pair in pairs])
     order = np.argsort(values)
     return KDistribution(shares[order] / shares.sum(), values[order])
 
@@ -246,8 +246,8 @@ def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand
             "file of HITRAN cross sections (.xsc)"
         )
     folder = resources.files(_DATA)
-    text = folder.joinpath(f"{_PREFIX}{species}.yaml").read_text(encoding="utf-8")
-    data: dict[str, Any] = parse_yaml(text, source=species)
+    content = folder.joinpath(f"{_PREFIX}{species}.yaml").read_text(encoding="utf-8")
+    data: dict[str, Any] = parse_yaml(content, source=species)
     lines = csv.reader(
         folder.joinpath(f"{_PREFIX}{species}.csv").read_text(encoding="utf-8").splitlines()
     )

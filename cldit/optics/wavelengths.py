@@ -40,7 +40,7 @@ Groups = NDArray[np.intp]
 MOST_NODES = 24  # unless the scene asks for more
 PAPER_UM = (3.3, 3.5)  # filter of the paper, whose constants are means over it
 _NEAR_UM = 0.1  # beyond that filter the C-H band has other constants
-_FORM = 7  # of kept choices
+_FORM = 7  # version of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 
 
@@ -103,10 +103,10 @@ def elsewhere(scene: Scene, spray: Spray) -> tuple[str, ...]:
         )
     kept = _kept(optics, spray)
     beyond = max(PAPER_UM[0] - low, high - PAPER_UM[1]) > _NEAR_UM
-    other = any(key in kept for key in ("n", "k")) and not (
+    foreign = any(key in kept for key in ("n", "k")) and not (
         PAPER_UM[0] <= optics.wavelength_um <= PAPER_UM[1]
     )
-    if kept and (beyond or other):
+    if kept and (beyond or foreign):
         where = f"{low:g} to {high:g} um" if beyond else f"{optics.wavelength_um:g} um"
         out.append(
             f"optics.{', optics.'.join(kept)}: the paper's constants, for {PAPER_UM[0]:g} to "
@@ -167,7 +167,7 @@ def wavelengths(
         return {**choice, "main": np.array([float(np.argmax(hidden))]), **vars(means)}
 
     content = _content(scene, tolerance_K, spray, spectrum, asymmetry)
-    arrays = cached(cache, kind="wavelengths", text=content, make=choose)
+    arrays = cached(cache, kind="wavelengths", description=content, make=choose)
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
     properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
     bands = tuple(
@@ -242,9 +242,9 @@ class _Means:
         sizes = lines.count @ lines.droplet_m2.sum(axis=1)
         for row in range(len(spectrum.liquid_K)):
             fine = _efficiencies(spectrum.middles_um, spectrum.n[row], spectrum.k[row], lines)[0]
-            wanted = _mean((sizes @ fine)[None, :], groups, light)[0]
-            for group, target in enumerate(wanted):
-                found = _index_absorbing(
+            targets = _mean((sizes @ fine)[None, :], groups, light)[0]
+            for group, target in enumerate(targets):
+                fitted_k = _index_absorbing(
                     target,
                     sizes,
                     lines,
@@ -252,7 +252,7 @@ class _Means:
                     n=n[row, group],
                     among=spectrum.k[row, groups == group],
                 )
-                k[row, group] = k[row, group] if found is None else found
+                k[row, group] = k[row, group] if fitted_k is None else fitted_k
         return cls(
             wavelength_um=wavelength,
             vapour_K=spectrum.vapour_K,
@@ -383,11 +383,11 @@ def _chosen(
     typical = np.unique(np.searchsorted(np.cumsum(lines.count), parts))
     looks = _looks([depth[typical] for depth in depths])
     through = looks[: len(typical)].sum(axis=0)
-    most = min(max(scene.optics.wavelengths or 0, MOST_NODES), len(light))
-    tried = min(most + AHEAD, len(light))
+    limit = min(max(scene.optics.wavelengths or 0, MOST_NODES), len(light))
+    tried = min(limit + AHEAD, len(light))
     orders = [samples, np.argsort(-through, kind="stable")]
     cuts = [_cuts(looks[:, order], light[order], tried) for order in orders]
-    found: list[Groups] = []
+    groupings: list[Groups] = []
     errors: list[Floats] = []
     per_K = np.array([1.0, kelvin_per_emissivity(scene)])
     for count in range(1, tried + 1):
@@ -397,16 +397,16 @@ def _chosen(
             groups[order] = np.repeat(np.arange(count), np.diff([*cut[count], len(light)]))
             vapour, absorbed, scattered = (_mean(depth, groups, light) for depth in depths)
             got = glow.gathered(groups).apparent((vapour, absorbed, scattered), filter_um)
-            apart = np.subtract(got, (exact, emissivity))[:, seen]
-            square = np.average(apart**2, axis=1, weights=lines.count[seen])
+            deviation = np.subtract(got, (exact, emissivity))[:, seen]
+            square = np.average(deviation**2, axis=1, weights=lines.count[seen])
             tries.append((np.sqrt(square), groups))
         error, groups = min(tries, key=lambda pair: float(np.max(per_K * pair[0])))
-        found.append(groups)
+        groupings.append(groups)
         errors.append(error)
-    wanted = scene.optics.wavelengths
-    if wanted is None:
-        wanted = enough(np.max(per_K * errors, axis=1), bound_K=bound_K, most=most)
-    return found[min(wanted, most) - 1], np.transpose(errors)
+    requested = scene.optics.wavelengths
+    if requested is None:
+        requested = enough(np.max(per_K * errors, axis=1), bound_K=bound_K, limit=limit)
+    return groupings[min(requested, limit) - 1], np.transpose(errors)
 
 
 def _looks(depths: list[Floats]) -> Floats:
@@ -416,8 +416,8 @@ def _looks(depths: list[Floats]) -> Floats:
     return np.concatenate(rows)
 
 
-def _cuts(looks: Floats, light: Floats, most: int) -> list[list[int]]:
-    """Best divisions of ordered samples into 1 .. `most` groups.
+def _cuts(looks: Floats, light: Floats, limit: int) -> list[list[int]]:
+    """Best divisions of ordered samples into 1 .. `limit` groups.
 
     Entry K lists the first sample of each of K groups (entry 0 is empty). They minimise the
     light-weighted squared deviations of `looks` (F, S) from the groups' means exactly.
@@ -428,20 +428,20 @@ def _cuts(looks: Floats, light: Floats, most: int) -> list[list[int]]:
     safe = np.where(within > 0, within, 1.0)
     cost = np.zeros((count + 1, count + 1))  # of a group from sample i up to, not with, sample j
     for values in looks:
-        first = np.concatenate([[0.0], np.cumsum(light * values)])
-        second = np.concatenate([[0.0], np.cumsum(light * values**2)])
-        sums = first[None, :] - first[:, None]
-        cost += (second[None, :] - second[:, None]) - sums**2 / safe
+        moment_1 = np.concatenate([[0.0], np.cumsum(light * values)])
+        moment_2 = np.concatenate([[0.0], np.cumsum(light * values**2)])
+        sums = moment_1[None, :] - moment_1[:, None]
+        cost += (moment_2[None, :] - moment_2[:, None]) - sums**2 / safe
     cost[np.tri(count + 1, dtype=bool)] = np.inf  # no empty groups
     best = cost[0].copy()
-    before: list[NDArray[np.intp]] = []
+    predecessors: list[NDArray[np.intp]] = []
     cuts: list[list[int]] = [[], [0]]
-    for groups in range(2, most + 1):
+    for groups in range(2, limit + 1):
         total = best[:, None] + cost
-        before.append(total.argmin(axis=0))
+        predecessors.append(total.argmin(axis=0))
         best = total.min(axis=0)
         starts = [count]
         for step in reversed(range(groups - 1)):
-            starts.append(int(before[step][starts[-1]]))
+            starts.append(int(predecessors[step][starts[-1]]))
         cuts.append([0, *reversed(starts[1:])])
     return cuts

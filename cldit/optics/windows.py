@@ -65,6 +65,7 @@ class Material:
         return np.asarray(np.sqrt(1.0 + terms) + self.slope_per_K * (temperature_K - self.at_K))
 
 
+# k of CaF2 over the wavelength, see above
 _CRYSTRAN_um = (2.0, 2.5, 4.7, 4.75, 4.8, 4.9, 5.0, 5.1, 5.2, 5.4, 5.5, 5.6)
 _CRYSTRAN_k = (
     9.56e-9, 0.0, 0.0, 8.6e-9, 2.14e-8, 5.17e-8, 7.62e-8, 9.08e-8, 9.57e-8, 9.61e-8, 9.72e-8,
@@ -138,7 +139,7 @@ def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Flo
 
 
 def _tabled(window: Window, wavelength_um: Floats) -> tuple[Floats, Floats]:
-    found = []
+    shares = []
     for name, curve in (("transmission", window.transmission), ("reflection", window.reflection)):
         known_um, share = np.array(curve, float).T
         if wavelength_um.size and not (
@@ -149,8 +150,8 @@ def _tabled(window: Window, wavelength_um: Floats) -> tuple[Floats, Floats]:
                 f"{known_um[-1]:g} um, the filter covers {wavelength_um.min():g} to "
                 f"{wavelength_um.max():g} um"
             )
-        found.append(np.asarray(np.interp(wavelength_um, known_um, share)))
-    return found[0], found[1]
+        shares.append(np.asarray(np.interp(wavelength_um, known_um, share)))
+    return shares[0], shares[1]
 
 
 def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:
@@ -170,7 +171,7 @@ def band_panes(window: Window, filter_um: Filter, *, reference_K: Floats) -> tup
         ]
     )
     window_shares(window, edges)  # refuses a filter beyond the data
-    return tuple(mean_pane(window, middles, one) for one in light.T)
+    return tuple(mean_pane(window, middles, spectrum) for spectrum in light.T)
 
 
 def mean_pane(window: Window, wavelength_um: Floats, light: Floats) -> Pane:

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.errors import FileError, OpticsError
 from cldit.io.files import read_text
 from cldit.optics.vapour import VapourBand
 
-_M2_MOL = 6.02214076e23 * 1e-4  # of 1 cm2 per molecule
+_M2_MOL = 1e-4 * AVOGADRO_PER_MOL  # of 1 cm2 per molecule
 _NOISE = 0.02  # of the largest value: negative cross sections up to this are taken as 0
 
 
@@ -59,14 +60,14 @@ def read_xsc(path: Path) -> VapourBand:
         if np.max(shift) > 1.0:
             raise OpticsError(f"{path}: the blocks do not cover the same wavenumbers")
     table = [np.interp(number, block.number_per_cm, block.values) for block in blocks]
-    one = len(blocks) == 1
+    single = len(blocks) == 1
     return VapourBand(
         species=blocks[0].molecule,
         source=str(path),
         status="user",
         wavenumber_per_cm=(float(number[0]), float(number[-1])),
         temperatures_K=(100.0, 1500.0)
-        if one
+        if single
         else (float(temperatures[0]), float(temperatures[-1])),
         number_per_cm=number,
         rows_K=temperatures,
@@ -88,8 +89,8 @@ def _block(lines: list[str], at: int, path: Path) -> tuple[_Block, int]:
             f"{path}: line {at + 1}: {low:g}..{high:g} 1/cm, {count} points, {temperature:g} K"
         )
     needed = -(-count // 10)
-    text = lines[at + 1 : at + 1 + needed]
-    cells = [line[place : place + 10] for line in text for place in range(0, 100, 10)]
+    block_lines = lines[at + 1 : at + 1 + needed]
+    cells = [line[place : place + 10] for line in block_lines for place in range(0, 100, 10)]
     try:
         values = np.array([float(cell) for cell in cells[:count] if cell.strip()])
     except ValueError as error:

@@ -41,19 +41,19 @@ class Fuel:
             order = np.argsort(self.position_m[:, axis])
             reached = np.cumsum(self.mass_kg[order])
             ends = np.searchsorted(reached, [share * reached[-1], (1 - share) * reached[-1]])
-            first, last = order[np.minimum(ends, len(order) - 1)]
-            low[axis], high[axis] = self.position_m[first, axis], self.position_m[last, axis]
+            lowest, highest = order[np.minimum(ends, len(order) - 1)]
+            low[axis], high[axis] = self.position_m[lowest, axis], self.position_m[highest, axis]
         return low, high
 
 
 def seen_m(scene: Scene, position_m: Floats) -> Floats:
     """Projects positions (N, 3) onto the plane of the camera's target: x and z (N, 2), m, from the
     centre of the field."""
-    away = position_m - np.array(scene.target_m)
+    offset = position_m - np.array(scene.target_m)
     if scene.camera.model == "orthographic":
-        return np.asarray(away[:, [0, 2]])
+        return np.asarray(offset[:, [0, 2]])
     distance_m = scene.camera.distance_m
-    return np.asarray(away[:, [0, 2]] * (distance_m / (distance_m + away[:, 1]))[:, None])
+    return np.asarray(offset[:, [0, 2]] * (distance_m / (distance_m + offset[:, 1]))[:, None])
 
 
 def misfits(scene: Scene, spray: Spray) -> tuple[str, ...]:
@@ -61,20 +61,20 @@ def misfits(scene: Scene, spray: Spray) -> tuple[str, ...]:
     fuel = Fuel.of(spray)
     if not fuel.mass_kg.sum():
         return ()
-    found = [*_field(scene, fuel)]
+    mismatches = [*_field(scene, fuel)]
     ambient_K = spray.notes.get("ambient_temperature_K")
     wall_K = spray.notes.get("wall_temperature_K", ambient_K)
     if wall_K is not None and abs(wall_K - scene.walls.temperature_K) > _DIFFERENT_K:
         whose = "walls" if "wall_temperature_K" in spray.notes else "gas outside the jet"
-        found.append(
+        mismatches.append(
             f"walls.temperature_K is {scene.walls.temperature_K:g} K, the case's {whose} "
             f"{'have' if whose == 'walls' else 'has'} {wall_K:.0f} K"
         )
-    if not found:
+    if not mismatches:
         return ()
     return (
-        f"{scene.name} does not fit the case: {'; '.join(found)} (`cldit import CASE --fit` writes "
-        "a scene that does)",
+        f"{scene.name} does not fit the case: {'; '.join(mismatches)} (`cldit import CASE --fit` "
+        "writes a scene that does)",
     )
 
 

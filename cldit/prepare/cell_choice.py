@@ -59,8 +59,8 @@ def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> f
     free = free_bytes()
     if free is None:
         return 0.0
-    most = _SHARE * free / (_PARCEL_BYTES + _PARCEL_WAVELENGTH_BYTES * wavelengths)
-    return float(spacing_m * (parcels / most) ** (1 / 3))
+    limit = _SHARE * free / (_PARCEL_BYTES + _PARCEL_WAVELENGTH_BYTES * wavelengths)
+    return float(spacing_m * (parcels / limit) ** (1 / 3))
 
 
 def chosen_frame(
@@ -83,14 +83,14 @@ def chosen_frame(
     wanted_m = domain.leaf_m
     if known_in_boxes(sources):
         wanted_m = needed_edge_m(cube, sources)
-    found = None
-    for found in candidates(cube, sources, device, limit=limit):
-        if found.frame.cell_m <= wanted_m * (1 + 1e-9):
-            return found.frame, ()
-    assert found is not None
-    return found.frame, (
-        f"cells: {found.frame.cell_m * 1e3:.3g} mm are the finest that fit the memory, "
-        f"{found.stored:.3g} cells; the medium needs {wanted_m * 1e3:.3g} mm. Their error is "
+    candidate = None
+    for candidate in candidates(cube, sources, device, limit=limit):
+        if candidate.frame.cell_m <= wanted_m * (1 + 1e-9):
+            return candidate.frame, ()
+    assert candidate is not None
+    return candidate.frame, (
+        f"cells: {candidate.frame.cell_m * 1e3:.3g} mm are the finest that fit the memory, "
+        f"{candidate.stored:.3g} cells; the medium needs {wanted_m * 1e3:.3g} mm. Their error is "
         "stated as `cells`; domain.leaf_edge_m sets others",
     )
 
@@ -102,9 +102,9 @@ def lattice_frames(
 
     `edge_m` of the first is at least that of the domain, and `spacing_m` times a power of 2.
     """
-    whole = Frame.around(
+    undivided = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=2 * domain.edge_m
     )
-    refuse_outside(whole, sources)
+    refuse_outside(undivided, sources)
     cube = Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=spacing_m * (1 + 1e-9))
     return cube, on_grid(cube, sources, voxel_m=spacing_m) or cube

@@ -15,7 +15,7 @@ from cldit.scene.vessel import FINEST
 from cldit.spray.result import Spray
 
 _ROOM = 1.15  # of the field and the cube, over what they must contain
-_BACKGROUNDS = 6
+_BACKGROUNDS = 6  # temperatures of the black body that are suggested
 _SPAN_K = 100.0  # from the coldest background to the hottest, at least
 _COLDEST_K = 300.0  # black bodies are heated
 _PIXELS = 1000  # along the field's longer side
@@ -66,38 +66,38 @@ def fitted_scene(spec: CfdSpray, spray: Spray, *, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _section(values: dict[str, Any], why: dict[str, str], *, indent: str = "") -> list[str]:
+def _section(values: dict[str, Any], comments: dict[str, str], *, indent: str = "") -> list[str]:
     """Lines of keys with their comments."""
     lines = []
     for key, value in values.items():
         line = f"{indent}{yaml_line({key: value})[1:-1]}"
-        lines.append(f"{line}  # {why[key]}" if key in why else line)
+        lines.append(f"{line}  # {comments[key]}" if key in comments else line)
     return lines
 
 
 def _spray(spec: CfdSpray, spray: Spray, time: float | None) -> list[str]:
     """The section `spray`: the keys that were given, and the nozzle and axis that were found."""
-    given: dict[str, Any] = {"model": "cfd", "file": str(spec.file.resolve())}
-    given |= spec.model_dump(mode="json", exclude_unset=True, exclude={"model", "file"})
+    section: dict[str, Any] = {"model": "cfd", "file": str(spec.file.resolve())}
+    section |= spec.model_dump(mode="json", exclude_unset=True, exclude={"model", "file"})
     if spec.mapping is not None:
-        given["mapping"] = str(spec.mapping.resolve())
-    why: dict[str, str] = {}
-    own = spec.file.suffix == ".npz"
-    if time is not None and not own:
-        given["time_s"] = time
-        why["time_s"] = "`cldit run .. --times all` takes all"
-    found = [f"{what}_{axis}" for what in ("nozzle", "axis") for axis in "xyz"]
-    keys = [f"{each}_m" if each.startswith("nozzle") else each for each in found]
-    if not own and all(key in spray.notes for key in keys):
+        section["mapping"] = str(spec.mapping.resolve())
+    comments: dict[str, str] = {}
+    imported = spec.file.suffix == ".npz"
+    if time is not None and not imported:
+        section["time_s"] = time
+        comments["time_s"] = "`cldit run .. --times all` takes all"
+    axes = [f"{vector}_{axis}" for vector in ("nozzle", "axis") for axis in "xyz"]
+    keys = [f"{name}_m" if name.startswith("nozzle") else name for name in axes]
+    if not imported and all(key in spray.notes for key in keys):
         place = [_clean(spray.notes[key]) for key in keys]
         for key, value, word in (
             ("nozzle_m", place[:3], "Nozzle"),
             ("axis", place[3:], "Injection axis"),
         ):
-            given[key] = value
-            remark = next((each for each in spray.remarks if each.startswith(word)), "as given")
-            why[key] = remark.rstrip(".")
-    return ["spray:", *_section(given, why, indent="  ")]
+            section[key] = value
+            remark = next((text for text in spray.remarks if text.startswith(word)), "as given")
+            comments[key] = remark.rstrip(".")
+    return ["spray:", *_section(section, comments, indent="  ")]
 
 
 def _cube(spray: Spray) -> tuple[float, tuple[float, float, float]]:
@@ -109,7 +109,7 @@ def _cube(spray: Spray) -> tuple[float, tuple[float, float, float]]:
     if spray.vapour is not None:
         low = np.minimum(low, spray.vapour.cells.lower_m.min(axis=0))
         high = np.maximum(high, spray.vapour.cells.upper_m.max(axis=0))
-    middle = [_round(float(each), 1e-4) for each in 0.5 * (low + high)]
+    middle = [_round(float(coordinate), 1e-4) for coordinate in 0.5 * (low + high)]
     return _up(_ROOM * float((high - low).max()), 1e-3), (middle[0], middle[1], middle[2])
 
 
@@ -120,15 +120,15 @@ def _field(low: Floats, high: Floats, target_m: Sequence[float]) -> tuple[list[f
         _ROOM * max(abs(side[axis] - target_m[axis]) for side in (low, high)) for axis in (0, 2)
     ]
     # what is nearer to the camera looks larger
-    half = [each / (1.0 + min(low[1], 0.0) / Camera().distance_m) for each in half]
+    half = [extent / (1.0 + min(low[1], 0.0) / Camera().distance_m) for extent in half]
     pixels = sorted(Sensor().pixels, reverse=bool(half[0] >= half[1]))
     ratio = pixels[0] / pixels[1]
     height_m = _up(2.0 * max(half[1], half[0] / ratio), 1e-3)
     lines = ["  sensor:"]
-    why = "the camera is turned: the spray is longer than wide"
+    reason = "the camera is turned: the spray is longer than wide"
     if tuple(pixels) == Sensor().pixels:
-        why = "the spray is wider than long"
-    lines += _section({"pixels": pixels}, {"pixels": why}, indent="    ")
+        reason = "the spray is wider than long"
+    lines += _section({"pixels": pixels}, {"pixels": reason}, indent="    ")
     return [round(height_m * ratio, 9), height_m], lines
 
 
@@ -157,7 +157,7 @@ def _background(
     seen = 1.0 + behind_m / Camera().distance_m  # the field is larger there
     aside_m = math.dist((centre_m[0], centre_m[2]), (target_m[0], target_m[2]))
     radius_m = _up(1.02 * (0.5 * math.hypot(*field_m) * seen + aside_m), 1e-3)
-    coldest_K, what = _coldest(spray)
+    coldest_K, phase = _coldest(spray)
     hottest_K = spray.notes.get("ambient_temperature_K", coldest_K)
     low_K = max(10.0 * math.floor(coldest_K / 10.0 + 1e-6), _COLDEST_K)
     high_K = max(10.0 * math.ceil(hottest_K / 10.0 - 1e-6), low_K + _SPAN_K)
@@ -166,7 +166,7 @@ def _background(
         {"radius_m": radius_m, "temperatures_K": temperatures},
         {
             "radius_m": "fills the field",
-            "temperatures_K": f"from {what}, {coldest_K:.0f} K, to the gas outside the jet, "
+            "temperatures_K": f"from {phase}, {coldest_K:.0f} K, to the gas outside the jet, "
             f"{hottest_K:.0f} K; set what your black body reaches",
         },
         indent="  ",
@@ -185,15 +185,15 @@ def _coldest(spray: Spray) -> tuple[float, str]:
 def _walls(spray: Spray) -> list[str]:
     """The walls at the temperature of the case, or at that of its gas."""
     if "wall_temperature_K" in spray.notes:
-        wall_K, why = spray.notes["wall_temperature_K"], "the case holds its walls at this"
+        wall_K, reason = spray.notes["wall_temperature_K"], "the case holds its walls at this"
     elif "ambient_temperature_K" in spray.notes:
         wall_K = spray.notes["ambient_temperature_K"]
-        why = "the gas outside the jet: the case holds its walls at no temperature; set your own"
+        reason = "the gas outside the jet: the case holds its walls at no temperature; set your own"
     else:
         return []  # made by an older version, which did not keep it
     return [
         "walls:",
-        *_section({"temperature_K": round(wall_K, 1)}, {"temperature_K": why}, indent="  "),
+        *_section({"temperature_K": round(wall_K, 1)}, {"temperature_K": reason}, indent="  "),
     ]
 
 

@@ -63,10 +63,10 @@ def properties_of(
     phases: list[ScatteringTable | None] = [None] * len(sources)
     content = droplets_content(spray)
     if choice.mie:
-        each = zip(chosen.bands, sources, strict=True)
+        pairs = zip(chosen.bands, sources, strict=True)
         phases = [
             mean_phase(spray, band, points, content=content, cache=cache)
-            for band, (points, _) in each
+            for band, (points, _) in pairs
         ]
         sources = tuple(
             (in_classes(points, spray, phase), cells)
@@ -100,9 +100,9 @@ def _not_reached(asked: Optics, chosen: Wavelengths, *, bound_K: float) -> tuple
     if not float(f"{chosen.error_K:.2g}") > bound_K:
         return ()
     count = len(chosen.nodes)
-    given = "as optics.wavelengths sets it" if asked.wavelengths is not None else "the most"
+    choice = "as optics.wavelengths sets it" if asked.wavelengths is not None else "the most"
     return (
-        f"wavelengths: {count} ({given}) leave an estimated {chosen.error_K:.2g} K RMS in T_app, "
+        f"wavelengths: {count} ({choice}) leave an estimated {chosen.error_K:.2g} K RMS in T_app, "
         f"more than optics.spectral_error_K: {bound_K:.2g} asks for; allowed: "
         f"optics.wavelengths up to {MOST_WAVELENGTHS}, or a larger optics.spectral_error_K",
     )
@@ -119,10 +119,10 @@ def deposited(scene: Scene, spray: Spray) -> Spray:
     if spray.parcels is None:
         return spray
     exposure_s = scene.camera.smear_s
-    wanted = getattr(scene.spray, "deposit", None)
-    if wanted is None:  # droplets that the user has spread already stay where they are
-        wanted = "points" if getattr(scene.spray, "spread_m", None) else "kernel"
-    if wanted == "points" or spray.parcels.extent is not None:
+    deposit = getattr(scene.spray, "deposit", None)
+    if deposit is None:  # droplets that the user has spread already stay where they are
+        deposit = "points" if getattr(scene.spray, "spread_m", None) else "kernel"
+    if deposit == "points" or spray.parcels.extent is not None:
         moved = smeared(spray.parcels, exposure_s)
         return spray if moved is spray.parcels else replace(spray, parcels=moved)
     return replace(spray, parcels=Kernel(exposure_s=exposure_s).spread(spray.parcels))
@@ -199,8 +199,8 @@ class Prepared:
             phase = mean_phase(self.spray, band, points, content=content, cache=self.cache)
         count = len(self.properties.sources)
         sources = ((in_classes(points, self.spray, phase), cells),) * count
-        other = replace(self.properties, sources=sources, phases=(phase,) * count)
-        return replace(self, properties=other, kept={})
+        rescattered = replace(self.properties, sources=sources, phases=(phase,) * count)
+        return replace(self, properties=rescattered, kept={})
 
     def variant(self, name: str, make: Callable[[], Any]) -> Any:
         """A variant of the medium, made once."""
@@ -223,14 +223,14 @@ class Prepared:
 
         depth: number of times that the cube is halved; None: as the scene has it.
         """
-        found = self.properties
+        properties = self.properties
         frame = self.frame if depth is None else self.frame.at(depth)
-        sources = [*found.sources, *([] if found.paper is None else [found.paper])]
+        sources = [*properties.sources, *([] if properties.paper is None else [properties.paper])]
         with stages.stage("octree") as note:
             trees = self.octrees(frame, sources)
             note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
-        paper = trees.pop() if found.paper is not None else None
-        bare = replace(found, sources=(), paper=None)
+        paper = trees.pop() if properties.paper is not None else None
+        bare = replace(properties, sources=(), paper=None)
         integrals = tuple(
             {f"{name}_m2": tree.integral(name) for name in _INTEGRATED} for tree in trees
         )
@@ -277,28 +277,28 @@ def prepare(
     spec = spec or scene.spray
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
-        made = spray or make_spray(spec, device, cache=cache, watch=stages.watch)
-        spray = deposited(scene, made)
-        stages.remark((*spray.remarks, *_motion_remarks(scene, made)))
+        undeposited = spray or make_spray(spec, device, cache=cache, watch=stages.watch)
+        spray = deposited(scene, undeposited)
+        stages.remark((*spray.remarks, *_motion_remarks(scene, undeposited)))
     if isinstance(scene.spray, CfdSpray):
         stages.remark(misfits(scene, spray))
     with stages.stage("optics") as note:
-        found = properties_of(scene, spray, cache=cache, tolerance_K=spectral_K)
-        count = len(found.sources)
+        properties = properties_of(scene, spray, cache=cache, tolerance_K=spectral_K)
+        count = len(properties.sources)
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
-        stages.remark(found.remarks)
-    phase = any(one is not None for one in (*found.phases, found.paper_phase))
+        stages.remark(properties.remarks)
+    phase = any(table is not None for table in (*properties.phases, properties.paper_phase))
     sweeps = scene.transport.method == "source"
-    limit = cells_that_fit(device, wavelengths=len(found.sources), phase=phase, sweeps=sweeps)
+    limit = cells_that_fit(device, wavelengths=len(properties.sources), phase=phase, sweeps=sweeps)
     if cube_m is not None:
         assert isinstance(spec, ConeSpray)
         cube, frame = lattice_frames(
-            scene.domain, found.sources[0], edge_m=cube_m, spacing_m=spec.lattice_m
+            scene.domain, properties.sources[0], edge_m=cube_m, spacing_m=spec.lattice_m
         )
     else:
         frame, remarks = chosen_frame(
             scene.domain,
-            found.sources[0],
+            properties.sources[0],
             device,
             limit=limit,
             voxels=isinstance(scene.spray, GridSpray),
@@ -307,14 +307,14 @@ def prepare(
         stages.remark(remarks)
     return Prepared(
         scene=scene,
-        made=made,
+        made=undeposited,
         spray=spray,
-        properties=found,
+        properties=properties,
         frame=frame,
         cube=cube,
         on_lattice=cube_m is not None,
         spec=spec,
-        number=found.chosen.main,
+        number=properties.chosen.main,
         limit=limit,
         device=device,
         cache=cache,

@@ -15,7 +15,7 @@ from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import PhaseError, ScatteringTable
 from cldit.transport.size_classes import MOST_CLASSES, TOLERATED, in_size_classes
 
-_FORM = 2  # of kept phase functions
+_FORM = 2  # version of kept phase functions
 
 
 def droplets_content(spray: Spray) -> str:
@@ -50,11 +50,11 @@ def mean_phase(
         return None
     parcels, section = spray.parcels, points.scattering_m2
     table = band.droplets.tables[len(band.droplets.tables) // 2]
-    indices = [(one.wavelength_um, one.n, one.k) for one in band.droplets.tables]
+    indices = [(entry.wavelength_um, entry.n, entry.k) for entry in band.droplets.tables]
     arrays = cached(
         cache,
         kind="scattering",
-        text=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
+        description=f"{_FORM} {indices!r} {band.droplets.temperature_K.tolist()!r} {content}",
         make=lambda: _plain(
             SizeBins.of(
                 parcels.diameter_m,
@@ -83,13 +83,14 @@ def _plain(bins: SizeBins) -> Arrays:
 def sizes_left(phases: Sequence[ScatteringTable | None]) -> tuple[str, ...]:
     """Remark that the classes of size do not resolve how the phase function varies, or nothing."""
     classes = [phase.classes for phase in phases if phase is not None]
-    left = max((one.left for one in classes if one is not None), default=0.0)
-    if left <= TOLERATED:
+    unresolved = [sizes.left for sizes in classes if sizes is not None]
+    difference = max(unresolved, default=0.0)
+    if difference <= TOLERATED:
         return ()
     return (
-        f"phase functions: {MOST_CLASSES} classes of droplet size leave a difference of {left:.2g} "
-        f"between places, more than {TOLERATED:g}, or some 0.1 K of T_app, which no stated error "
-        "contains",
+        f"phase functions: {MOST_CLASSES} classes of droplet size leave a difference of "
+        f"{difference:.2g} between places, more than {TOLERATED:g}, or some 0.1 K of T_app, which "
+        "no stated error contains",
     )
 
 

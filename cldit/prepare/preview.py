@@ -28,10 +28,10 @@ _PIXELS, _CELLS = 256, 256  # along an edge
 def previewed(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, Floats]:
     """Emissivity (K, h, w) of the medium in few pixels at each wavelength, and in the filter
     (h, w); made once for a prepared medium."""
-    found: tuple[Floats, Floats] = prepared.variant(
+    emissivities: tuple[Floats, Floats] = prepared.variant(
         "preview", lambda: _preview(scene, device, prepared)
     )
-    return found
+    return emissivities
 
 
 def visible_emissivities(scene: Scene, device: Device, prepared: Prepared) -> tuple[float, ...]:
@@ -39,21 +39,23 @@ def visible_emissivities(scene: Scene, device: Device, prepared: Prepared) -> tu
     count = len(prepared.properties.sources)
     if count == 1 or prepared.is_empty:
         return (VISIBLE_EMISSIVITY,) * count
-    each, filtered = previewed(scene, device, prepared)
-    return tuple(as_many(one, filtered, VISIBLE_EMISSIVITY) for one in each)
+    by_node, filtered = previewed(scene, device, prepared)
+    return tuple(as_many(node, filtered, VISIBLE_EMISSIVITY) for node in by_node)
 
 
-def as_many(one: NDArray[np.floating], other: NDArray[np.floating], least: float) -> float:
-    """Value that as many of `one` exceed as `least` is exceeded by others; both have any shape.
+def as_many(
+    values: NDArray[np.floating], reference: NDArray[np.floating], threshold: float
+) -> float:
+    """Value that is exceeded by as many of `values` as of `reference` exceed `threshold`.
 
-    Beyond the largest of the others, in proportion.
+    Both have any shape. A threshold above all of `reference` is scaled by the ratio of the maxima.
     """
-    mine, others = np.sort(one, axis=None), np.sort(other, axis=None)
-    if not others[-1] > 0.0 or not mine[-1] > 0.0:
-        return least
-    if least > others[-1]:
-        return float(least * mine[-1] / others[-1])
-    return float(np.interp(least, others, mine))
+    rising, reference_rising = np.sort(values, axis=None), np.sort(reference, axis=None)
+    if not reference_rising[-1] > 0.0 or not rising[-1] > 0.0:
+        return threshold
+    if threshold > reference_rising[-1]:
+        return float(threshold * rising[-1] / reference_rising[-1])
+    return float(np.interp(threshold, reference_rising, rising))
 
 
 def _preview(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, Floats]:
@@ -61,8 +63,8 @@ def _preview(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, 
     finest_m = max(camera.field_m) / _CELLS
     coarse = min(cube.depth, max(3, math.ceil(math.log2(cube.edge_m / finest_m))))
     columns, rows = (min(count, _PIXELS) for count in camera.pixels)
-    few = camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
-    seen = scene.model_copy(update={"camera": few})
+    coarse_camera = camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
+    seen = scene.model_copy(update={"camera": coarse_camera})
     settings = replace(settings_for(scene), method="source", audit=False, order=0, gather=False)
     background_K = chosen.quadrature.reference_K
     shares = np.array([float(node.share(background_K)) for node in chosen.nodes])
@@ -72,7 +74,7 @@ def _preview(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, 
             traces = [trace(tree, seen, device, settings) for tree in trees]
         except TransportError:  # cells so large reach behind a patch
             continue
-        each = np.array([1.0 - one.weights.background.astype(float) for one in traces])
-        return each, np.asarray(np.tensordot(shares, each, 1))
-    each = np.ones((len(shares), rows, columns))  # the medium may be anywhere
-    return each, each[0]
+        by_node = np.array([1.0 - traced.weights.background.astype(float) for traced in traces])
+        return by_node, np.asarray(np.tensordot(shares, by_node, 1))
+    by_node = np.ones((len(shares), rows, columns))  # the medium may be anywhere
+    return by_node, by_node[0]

@@ -26,10 +26,10 @@ def make_spray(
     of tables of fuel properties and computed sprays, None keeps nothing; `watch` takes the progress
     of reading a CFD case.
     """
-    return with_figures(_made(spec, device, cache, watch))
+    return with_figures(_computed(spec, device, cache, watch))
 
 
-def _made(spec: AnySpray, device: Device | None, cache: Path | None, watch: Watch) -> Spray:
+def _computed(spec: AnySpray, device: Device | None, cache: Path | None, watch: Watch) -> Spray:
     # Each model is imported when a scene names it: CFD brings VTK.
     match spec:
         case ConeSpray():

@@ -39,25 +39,25 @@ class Stages:
 
     def remark(self, remarks: Sequence[str]) -> None:
         """Reports inferences and problems, each once, and keeps them for the report."""
-        for text in remarks:
-            if text in self.remarks:
+        for remark in remarks:
+            if remark in self.remarks:
                 continue
-            self.remarks.append(text)
+            self.remarks.append(remark)
             if self.say is not None:
-                self.say(text)
+                self.say(remark)
 
-    def tell(self, text: str) -> None:
+    def tell(self, work: str) -> None:
         """Reports the work in progress."""
         if self.say is not None:
-            self.say(StageLine(text))
+            self.say(StageLine(work))
 
     @contextmanager
     def stage(self, name: str) -> Iterator[list[str]]:
         """Times the work within, without that of inner stages; the list takes notes on it."""
         self.tell(name)
         note: list[str] = []
-        start, before = time.perf_counter(), len(self.done)
+        start, done_before = time.perf_counter(), len(self.done)
         yield note
-        inner = sum(stage.seconds for stage in self.done[before:])
+        inner = sum(stage.seconds for stage in self.done[done_before:])
         seconds = max(time.perf_counter() - start - inner, 0.0)
         self.done.append(Stage(name, seconds, "; ".join(note)))

@@ -33,7 +33,7 @@ def has_temperature(emissivity: NDArray[np.floating], temperature_K: NDArray[np.
 
 def first_order_error_K(
     *,
-    own: Floats,
+    radiance: Floats,
     background: NDArray[np.floating],
     apparent: Floats,
     emissivity: NDArray[np.floating],
@@ -42,11 +42,11 @@ def first_order_error_K(
     """Error (N,) of T_app from the errors of L and w_bg, see the module.
 
     Args:
-        own: (N,) error of L.
+        radiance: (N,) error of L.
         background: (N,) error of w_bg.
         apparent, emissivity, slope: (N,) B(T_app), 1 - w_bg and dB/dT at T_app.
     """
-    return np.asarray((own + background * apparent) / emissivity / slope)
+    return np.asarray((radiance + background * apparent) / emissivity / slope)
 
 
 def result_errors_K(
@@ -69,17 +69,17 @@ def result_errors_K(
     seen = np.isfinite(emissivity.reshape(-1))
     change = -kelvin_per_emissivity(scene) * error.background.reshape(-1).astype(float)
     emissivity, temperature_K = emissivity.reshape(-1), temperature_K.reshape(-1)
-    here = has_temperature(emissivity, temperature_K)
+    valid = has_temperature(emissivity, temperature_K)
     black = partial(band_radiance, filter_um=filter_um)
-    around = Boundary.without_windows(Surroundings.from_scene(scene), black)
-    some = error.map(lambda image: image.reshape(-1)[here])
-    known_K = temperature_K[here].astype(float)
-    out = np.zeros(len(here))
-    out[here] = first_order_error_K(
-        own=compose(some, background=None, wall=around.wall, patches=around.patches),
-        background=some.background,
+    boundary = Boundary.without_windows(Surroundings.from_scene(scene), black)
+    part = error.map(lambda image: image.reshape(-1)[valid])
+    known_K = temperature_K[valid].astype(float)
+    out = np.zeros(len(valid))
+    out[valid] = first_order_error_K(
+        radiance=compose(part, background=None, wall=boundary.wall, patches=boundary.patches),
+        background=part.background,
         apparent=black(known_K),
-        emissivity=emissivity[here].astype(float),
+        emissivity=emissivity[valid].astype(float),
         slope=band_radiance_slope(known_K, filter_um=filter_um),
     )
     return out, np.where(seen, change, 0.0)
@@ -109,14 +109,14 @@ class TraceTemperature:
         """Radiances in a scene; `units` are those of the components that the medium emits."""
         filter_um = scene_filter(scene)
         black = partial(band_radiance, filter_um=filter_um)
-        around = Boundary.without_windows(Surroundings.from_scene(scene), black)
+        boundary = Boundary.without_windows(Surroundings.from_scene(scene), black)
         background_K = reference_temperature_K(scene.background.temperatures_K)
         background = background_radiance(
-            blackbody=float(around.radiance(background_K)),
-            wall=around.wall,
+            blackbody=float(boundary.radiance(background_K)),
+            wall=boundary.wall,
             emissivity=scene.background.emissivity,
         )
-        outside = (background, around.wall, *around.patches.values())
+        outside = (background, boundary.wall, *boundary.patches.values())
         sources, kelvin = np.array([*outside, *units]), kelvin_per_emissivity(scene)
         return cls(sources, len(outside), filter_um, visible, kelvin)
 
@@ -155,20 +155,20 @@ class TraceTemperature:
 
         weights, error: (C, N). outside: radiance that replaces that of walls and patches.
         """
-        own = self.radiances[1:].copy()
+        radiances = self.radiances[1:].copy()
         if outside is not None:
-            own[: self.boundaries - 1] = outside
+            radiances[: self.boundaries - 1] = outside
         emissivity = 1.0 - weights[0]
-        apparent = _sum(own, weights[1:]) / np.maximum(emissivity, 1e-9)
+        apparent = _sum(radiances, weights[1:]) / np.maximum(emissivity, 1e-9)
         out = np.full(weights.shape[1], np.nan)
-        here = (emissivity > self.visible) & (apparent > 0)
-        if here.any():
-            known_K = temperature_of_radiance(apparent[here], filter_um=self.filter_um)
-            out[here] = first_order_error_K(
-                own=_sum(own, error[1:, here]),
-                background=error[0, here],
-                apparent=apparent[here],
-                emissivity=emissivity[here],
+        valid = (emissivity > self.visible) & (apparent > 0)
+        if valid.any():
+            known_K = temperature_of_radiance(apparent[valid], filter_um=self.filter_um)
+            out[valid] = first_order_error_K(
+                radiance=_sum(radiances, error[1:, valid]),
+                background=error[0, valid],
+                apparent=apparent[valid],
+                emissivity=emissivity[valid],
                 slope=band_radiance_slope(known_K, filter_um=self.filter_um),
             )
         return out
@@ -215,8 +215,8 @@ class NodeTemperature:
         def tabulated(temperature_K: ArrayLike) -> Floats:
             return np.asarray(np.interp(np.asarray(temperature_K, float), grid_K, radiance))
 
-        around = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
-        outside = around.wall, around.patches
+        boundary = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
+        outside = boundary.wall, boundary.patches
         kelvin = kelvin_per_emissivity(scene)
         return cls(grid_K, radiance, *outside, sees_background, visible, kelvin)
 
@@ -226,15 +226,15 @@ class NodeTemperature:
 
     def __call__(self, weights: Weights) -> Floats:
         """T_app (H, W); NaN off the background, and where the medium is transparent."""
-        own = compose(weights, background=None, wall=self.wall, patches=self.patches)
+        added = compose(weights, background=None, wall=self.wall, patches=self.patches)
         emissivity = 1.0 - weights.background.astype(float)
-        apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
+        apparent = np.divide(added, emissivity, out=np.zeros_like(added), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
-        known = (apparent > self.radiance[0]) & self.sees_background
+        usable = (apparent > self.radiance[0]) & self.sees_background
         inverse = np.interp(
-            np.log(np.where(known, apparent, 1.0)), np.log(self.radiance), -1.0 / self.grid_K
+            np.log(np.where(usable, apparent, 1.0)), np.log(self.radiance), -1.0 / self.grid_K
         )
-        return np.where(known, -1.0 / inverse, np.nan)
+        return np.where(usable, -1.0 / inverse, np.nan)
 
     def results(self, weights: Weights) -> tuple[Floats, Floats]:
         """T_app, and emissivity times `per_emissivity_K`, (H, W) each; NaN off the background."""

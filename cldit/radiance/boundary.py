@@ -91,15 +91,15 @@ class Surroundings:
 class Boundary:
     """The measurement equation in one band; all radiances in photons s-1 m-2 sr-1 of that band.
 
-    radiance: of a black body, as a function of its temperature. wall: of the walls. around: of the
-    surroundings of the black body. rear_added, front_added: emission and reflection of either
-    window. patches: of each patch of the enclosure.
+    radiance: of a black body, as a function of its temperature. wall: of the walls. surroundings:
+    of those of the black body. rear_added, front_added: emission and reflection of either window.
+    patches: of each patch of the enclosure.
     """
 
     radiance: Radiance
     wall: float
     emissivity: float
-    around: float
+    surroundings: float
     rear: Pane
     rear_added: float
     front: Pane
@@ -108,8 +108,8 @@ class Boundary:
 
     def leaving(self, blackbody_K: ArrayLike) -> Floats:
         """L_bg for a black body at these temperatures, any shape."""
-        own = self.radiance(blackbody_K)
-        disc = self.emissivity * own + (1.0 - self.emissivity) * self.around
+        emitted = self.radiance(blackbody_K)
+        disc = self.emissivity * emitted + (1.0 - self.emissivity) * self.surroundings
         return np.asarray(self.rear.transmission * disc + self.rear_added)
 
     def seen(self, inside: Floats) -> Floats:
@@ -122,7 +122,7 @@ class Boundary:
 
     @classmethod
     def of(
-        cls, around: Surroundings, radiance: Radiance, pane: Callable[[Window], Pane]
+        cls, surroundings: Surroundings, radiance: Radiance, pane: Callable[[Window], Pane]
     ) -> "Boundary":
         """Radiances of the surroundings in one band, with the mean shares `pane` of its windows."""
 
@@ -130,22 +130,22 @@ class Boundary:
             return float(radiance(temperature_K))
 
         def window(side: str, opposite_K: float) -> tuple[Pane, float]:
-            given = around.window(side)
-            if given is None:
+            pane_of_window = surroundings.window(side)
+            if pane_of_window is None:
                 return Pane(), 0.0
-            shares = pane(given)
-            own = shares.emission * at(given.temperature_K)
-            return shares, own + shares.reflection * at(opposite_K)
+            shares = pane(pane_of_window)
+            emitted = shares.emission * at(pane_of_window.temperature_K)
+            return shares, emitted + shares.reflection * at(opposite_K)
 
-        outside_K = around.background_surroundings_K
-        rear, rear_added = window("rear", around.wall_temperature_K)
-        front, front_added = window("front", around.camera_surroundings_K)
-        wall = at(around.wall_temperature_K)
+        outside_K = surroundings.background_surroundings_K
+        rear, rear_added = window("rear", surroundings.wall_temperature_K)
+        front, front_added = window("front", surroundings.camera_surroundings_K)
+        wall = at(surroundings.wall_temperature_K)
         return cls(
             radiance=radiance,
             wall=wall,
-            emissivity=around.background_emissivity,
-            around=at(around.wall_temperature_K if outside_K is None else outside_K),
+            emissivity=surroundings.background_emissivity,
+            surroundings=at(surroundings.wall_temperature_K if outside_K is None else outside_K),
             rear=rear,
             rear_added=rear_added,
             front=front,
@@ -154,18 +154,18 @@ class Boundary:
                 patch.name: background_radiance(
                     blackbody=at(patch.temperature_K), wall=wall, emissivity=patch.emissivity
                 )
-                for patch in around.patches
+                for patch in surroundings.patches
             },
         )
 
     @classmethod
-    def without_windows(cls, around: Surroundings, radiance: Radiance) -> "Boundary":
+    def without_windows(cls, surroundings: Surroundings, radiance: Radiance) -> "Boundary":
         """Radiances of the surroundings in one band, as if there were no windows."""
-        return cls.of(replace(around, windows=()), radiance, lambda window: Pane())
+        return cls.of(replace(surroundings, windows=()), radiance, lambda window: Pane())
 
     @classmethod
     def in_filter(
-        cls, around: Surroundings, filter_um: Filter, *, reference_K: float
+        cls, surroundings: Surroundings, filter_um: Filter, *, reference_K: float
     ) -> "Boundary":
         """Radiances in a whole filter, with windows' means for a black body at `reference_K`.
 
@@ -173,7 +173,7 @@ class Boundary:
             SceneError: the filter reaches beyond the data of a window.
         """
         return cls.of(
-            around,
+            surroundings,
             lambda temperature_K: band_radiance(temperature_K, filter_um=filter_um),
             lambda window: band_pane(window, filter_um, reference_K=reference_K),
         )
@@ -183,8 +183,8 @@ def camera_radiance(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, background_K: float
 ) -> Floats:
     """Radiance (H, W) at the camera for one black body; see `camera_radiances`."""
-    (one,) = camera_radiances(weights, boundaries, backgrounds_K=[background_K])
-    return np.asarray(one)
+    (image,) = camera_radiances(weights, boundaries, backgrounds_K=[background_K])
+    return np.asarray(image)
 
 
 def camera_radiances(

@@ -32,7 +32,7 @@ def effective_weights(
         )
         return np.asarray(total, np.float32)
 
-    def both(name: str) -> np.ndarray:
+    def total(name: str) -> np.ndarray:
         return np.asarray(
             np.sum([getattr(part, name) for part in weights], axis=0, dtype=np.float64), np.float32
         )
@@ -40,7 +40,7 @@ def effective_weights(
     return Weights(
         background=mean("background", background_K),
         wall=mean("wall", wall_K),
-        vapour=both("vapour"),
-        liquid=both("liquid"),
+        vapour=total("vapour"),
+        liquid=total("liquid"),
         patches={name: mean(name, (patches_K or {})[name]) for name in weights[0].patches},
     )

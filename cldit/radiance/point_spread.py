@@ -57,9 +57,9 @@ def _disc(phase: Floats) -> Floats:
 def _aliases(count: int, size_m: float) -> list[tuple[Floats, Floats]]:
     """Frequencies (N + 1,) along a side of N pixels, 1/m, and their aliases; with their shares."""
     per_pixel = np.arange(count + 1) / (2.0 * count)
-    both = np.stack([per_pixel, 1.0 - per_pixel])
-    shares = both[::-1] ** 4 / np.sum(both**4, axis=0)
-    return [(f * count / size_m, share) for f, share in zip(both, shares, strict=True)]
+    frequencies = np.stack([per_pixel, 1.0 - per_pixel])
+    shares = frequencies[::-1] ** 4 / np.sum(frequencies**4, axis=0)
+    return [(f * count / size_m, share) for f, share in zip(frequencies, shares, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -115,21 +115,21 @@ class PointSpread:
             _aliases(count, size_m)
             for count, size_m in zip(camera.pixels, camera.field_m, strict=True)
         ]
-        highest = [float(far.max()) for _, (far, _) in sides]
-        known = np.linspace(0.0, float(np.linalg.norm(highest)), _RADIAL)
-        mtf = self.mtf(known)
+        highest = [float(alias.max()) for _, (alias, _) in sides]
+        tabulated = np.linspace(0.0, float(np.linalg.norm(highest)), _RADIAL)
+        mtf = self.mtf(tabulated)
         parts = [
-            down_share[:, None] * share * np.interp(np.hypot(down[:, None], across), known, mtf)
+            down_share[:, None] * share * np.interp(np.hypot(down[:, None], across), tabulated, mtf)
             for down, down_share in sides[1]
             for across, share in sides[0]
         ]
-        whole = np.sum(parts, axis=0)
-        spread = np.maximum(idctn(whole, type=1), 0.0)
+        transform = np.sum(parts, axis=0)
+        spread = np.maximum(idctn(transform, type=1), 0.0)
         positive = dctn(spread, type=1)
         return np.asarray((positive / positive[0, 0])[:-1, :-1])
 
     @cached_property
-    def given(self) -> NDArray[np.complex128] | None:
+    def sampled_transfer(self) -> NDArray[np.complex128] | None:
         """(2 H, W + 1) factor of the mirrored image's Fourier transform by samples; None: none."""
         camera, lens = self.camera, self.camera.lens
         if lens is None or lens.point_spread is None:
@@ -141,28 +141,28 @@ class PointSpread:
         ):
             step = camera.spread_step_m * count / size_m  # in traced pixels
             places = (np.arange(number) - number // 2) * step
-            near = np.fft.fftfreq(2 * count)
-            far = near - np.where(near < 0.0, -1.0, 1.0)
-            share = far**4 / (near**4 + far**4)
+            frequency = np.fft.fftfreq(2 * count)
+            alias = frequency - np.where(frequency < 0.0, -1.0, 1.0)
+            share = alias**4 / (frequency**4 + alias**4)
             sides.append(
                 sum(
                     (part * np.sinc(f * step) ** 2)[:, None]
                     * np.exp(-2j * np.pi * f[:, None] * places)
-                    for f, part in ((near, share), (far, 1.0 - share))
+                    for f, part in ((frequency, share), (alias, 1.0 - share))
                 )
             )
         across, down = sides
-        whole = down @ samples @ across[: camera.pixels[0] + 1].T
-        spread = np.maximum(irfft2(whole, [2 * n for n in reversed(camera.pixels)]), 0.0)
+        transform = down @ samples @ across[: camera.pixels[0] + 1].T
+        spread = np.maximum(irfft2(transform, [2 * n for n in reversed(camera.pixels)]), 0.0)
         return np.asarray(rfft2(spread / spread.sum()))
 
     def image(self, sharp: Image) -> Image:
         """The blurred image (H, W)."""
         out = idctn(dctn(sharp.astype(np.float64)) * self.transfer)
-        if self.given is not None:
+        if self.sampled_transfer is not None:
             rows, columns = out.shape
             mirrored = np.pad(out, ((0, rows), (0, columns)), mode="symmetric")
-            out = irfft2(rfft2(mirrored) * self.given, mirrored.shape)[:rows, :columns]
+            out = irfft2(rfft2(mirrored) * self.sampled_transfer, mirrored.shape)[:rows, :columns]
         return np.asarray(out, np.float32)
 
     def __call__(self, weights: Weights) -> Weights:

@@ -85,7 +85,7 @@ class Weights:
         return cls.of({name: read_image(folder / f"{name}.tif")[0] for name in (*_WHOLE, *patches)})
 
 
-def mean(each: Iterable[Weights], shares: Sequence[float] | None = None) -> Weights:
+def mean(members: Iterable[Weights], shares: Sequence[float] | None = None) -> Weights:
     """Mean of weights (H, W), taken one by one, of several times, injections or viewpoints.
 
     Transfer is linear, so these are the weights of the mean light. `shares` are in proportion to
@@ -93,13 +93,13 @@ def mean(each: Iterable[Weights], shares: Sequence[float] | None = None) -> Weig
     """
     sums: dict[str, NDArray[np.float64]] = {}
     total = 0.0
-    for share, weights in zip(repeat(1.0) if shares is None else shares, each, strict=False):
+    for share, weights in zip(repeat(1.0) if shares is None else shares, members, strict=False):
         total += share
         for name, image in weights.images.items():
             sums[name] = sums.get(name, 0.0) + share * image.astype(np.float64)
     if not sums:
         raise ValueError("weights: none; allowed: one or more")
-    return Weights.of({name: (one / total).astype(np.float32) for name, one in sums.items()})
+    return Weights.of({name: (summed / total).astype(np.float32) for name, summed in sums.items()})
 
 
 def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:

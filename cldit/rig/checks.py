@@ -1,7 +1,7 @@
 """Checks that all drivers of a kind share, with the same messages; also for other packages."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from typing import Any, Protocol
 
@@ -90,6 +90,14 @@ def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
             f"camera: {trigger}; allowed: {', '.join(sorted(modes))}, 1 frame or more, and "
             f"{' or '.join(EDGES)}"
         )
+
+
+def check_filter(positions: Mapping[str, int], name: str) -> int:
+    """Returns the position of a filter by its name; raises ConfigRejected if there is none."""
+    if name not in positions:
+        allowed = ", ".join(positions)
+        raise ConfigRejected(f"filter_wheel: {name}: no such filter; allowed: {allowed}")
+    return positions[name]
 
 
 def check_setpoint(limits: Limits, temperature_K: float) -> None:

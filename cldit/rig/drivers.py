@@ -43,8 +43,9 @@ class RigContext:
 class DriverAbout:
     """Description of a driver for `cldit devices`, the constant `ABOUT` of its module.
 
-    kind: camera, background, trigger or bench. needs: modules that it imports when it connects;
-    install: the command that installs them. tested: the instruments it was tried on, in words.
+    kind: bench, or one of `cldit.rig.protocols.KINDS`. needs: modules that it imports when it
+    connects; install: the command that installs them. tested: the instruments it was tried on, in
+    words.
     """
 
     kind: str
@@ -68,14 +69,17 @@ def _is_installed(module: str) -> bool:
 Factory = Callable[[dict[str, Any], RigContext], Any]
 
 
-def check_settings(model: type[S], settings: dict[str, Any]) -> S:
+def check_settings(model: type[S], settings: dict[str, Any], folder: Path | None = None) -> S:
     """Converts settings to the driver's own frozen data, of type `model`.
+
+    `folder`: start of relative paths of files that are read, as `context.folder`; None: the working
+    directory.
 
     Raises:
         SceneError: one line for each key that is unknown, missing or not allowed.
     """
     try:
-        return model.model_validate(settings)
+        return model.model_validate(settings, context={"folder": folder})
     except ValidationError as error:
         raise SceneError(describe(model, error.errors())) from error
 

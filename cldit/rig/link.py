@@ -94,11 +94,11 @@ class Linked(ABC):
     the line, how to make the instrument harmless, and the last known setting. It wraps every
     exchange in `with self._asking():`, and what may be repeated in `self._again`.
 
-    kind: camera, background or trigger; messages begin with it. where: model and address, to find
-    the instrument. by_hand: what to do at the instrument if the computer cannot reach it. reach_s:
-    time in which `make_safe` tries to reach a lost instrument. address: gives the address by which
-    the instrument is locked while it is used, as `cldit.rig.locks.tcp_address`; None locks nothing,
-    as for simulated instruments.
+    kind: one of `cldit.rig.protocols.KINDS`; messages begin with it. where: model and address, to
+    find the instrument. by_hand: what to do at the instrument if the computer cannot reach it.
+    reach_s: time in which `make_safe` tries to reach a lost instrument. address: gives the address
+    by which the instrument is locked while it is used, as `cldit.rig.locks.tcp_address`; None locks
+    nothing, as for simulated instruments.
     """
 
     def __init__(
@@ -359,3 +359,28 @@ class Linked(ABC):
             self._state = LinkState.LOST
             self._why_lost = str(error) or type(error).__name__
             self._drop()
+
+
+class HarmlessLink(Linked):
+    """Connection to an instrument that is harmless in every state, as a filter wheel is: there is
+    nothing to make safe, and a lost one is no danger."""
+
+    def make_safe(self) -> Safety:
+        """Asks nothing of the instrument; never raises."""
+        if self._state is LinkState.NEVER:
+            return Safety(connected=False, did="nothing: it was not connected")
+        return Safety(connected=True, did="nothing: it is harmless in every position")
+
+    def close(self) -> None:
+        """Closes the line."""
+        self._state = LinkState.NEVER
+        super().close()
+
+    def _write_safe(self) -> None:
+        """Writes nothing."""
+
+    def _check_safe(self) -> str:
+        return ""
+
+    def _last_known(self) -> str:
+        return ""

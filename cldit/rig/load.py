@@ -15,7 +15,7 @@ from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import InUse, NotConnected, RigError
 from cldit.rig.link import Linked
-from cldit.rig.protocols import KINDS, Background, Camera, Device, TriggerGenerator
+from cldit.rig.protocols import KINDS, Background, Camera, Device, FilterWheel, TriggerGenerator
 from cldit.rig.safety import RigSafety, make_safe
 from cldit.scene.checks import Section, Within, describe
 from cldit.scene.values import Coordinate, Length, Temperature
@@ -128,6 +128,8 @@ class InstrumentsFile(Section):
     """The simulated optical bench; for simulated rigs."""
     camera: DriverChoice | None = None
     """The camera's driver."""
+    filter_wheel: DriverChoice | None = None
+    """The filter wheel's driver; without it the camera has one filter."""
     background: DriverChoice | None = None
     """The black body's driver."""
     trigger: DriverChoice | None = None
@@ -159,6 +161,7 @@ class Rig:
     trigger: TriggerGenerator
     clock: Clock
     file: RigFile
+    filter_wheel: FilterWheel | None = None
     # Names of devices that were connected, without those that were made safe and closed since.
     _connected: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
     _safe: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
@@ -166,7 +169,8 @@ class Rig:
     @property
     def devices(self) -> dict[str, Device]:
         """Devices in the order of connection; the trigger is made safe first."""
-        return {kind: getattr(self, kind) for kind in KINDS}
+        devices = {kind: getattr(self, kind) for kind in KINDS}
+        return {kind: device for kind, device in devices.items() if device is not None}
 
     def connect(self, timeout_s: float = 10.0) -> None:
         """Connects all devices at once, after it has locked all of them for this process.
@@ -277,7 +281,8 @@ def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | Non
     file = read_rig(path_or_mapping)
     source = "rig" if isinstance(path_or_mapping, dict) else str(path_or_mapping)
     clock = clock or file.clock.make()
-    return Rig(**_devices(file, KINDS, clock, source), clock=clock, file=file)
+    parts = [kind for kind in KINDS if getattr(file, kind) is not None]
+    return Rig(**_devices(file, parts, clock, source), clock=clock, file=file)
 
 
 def open_instrument(path: Path, part: str) -> Device:

@@ -1,22 +1,27 @@
-"""Protocols of a camera, a background and a trigger generator.
+"""Protocols of a camera, a filter wheel, a background and a trigger generator.
 
 A driver implements one of them. It does no I/O in `__init__`, blocks until done, and raises the
 errors of `cldit.rig.errors` and no others.
 """
 
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, model_validator
 
+from cldit.camera.calibration import Calibration
 from cldit.rig.clock import StopCheck
 from cldit.scene.checks import Section, Within
+from cldit.scene.values import Filter
 
 KINDS = {
     "camera": "the camera may still be armed",
+    "filter_wheel": "the filter wheel may still move",
     "background": "the black body may still be hot",
     "trigger": "the generator may still inject on a trigger",
 }
@@ -154,6 +159,70 @@ class Safety:
     did: str
 
 
+def _name(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", value):
+        raise ValueError(f"{value!r} is no name; allowed: up to 40 letters, digits, `_`, `.`, `-`")
+    return value
+
+
+FilterName = Annotated[str, AfterValidator(_name)]
+"""Name of a spectral filter, which names a folder too."""
+
+
+class SpectralFilter(Section):
+    """A filter of a wheel, with the camera's calibration through it."""
+
+    position: Annotated[int, Within(1, 100)]
+    """Position in the wheel, from 1."""
+    name: FilterName
+    """Name in plans."""
+    filter_um: Filter
+    """Two edges, pairs of wavelength (um) and transmission, or a file of pairs."""
+    integration_time_s: Annotated[float, Within(1e-9, 10.0)]
+    """Exposure at which `counts_per_radiance` was measured."""
+    counts_per_radiance: Annotated[float, Within(1e-40, 1e10)]
+    """Counts per photon s-1 m-2 sr-1 of the camera through this filter."""
+    offset_counts: Annotated[float, Within(-1e6, 1e6)] | None = None
+    """Counts without radiation through this filter; by default those of the camera."""
+
+    @model_validator(mode="after")
+    def _rising(self) -> "SpectralFilter":
+        low, high = self.filter_um[0], self.filter_um[-1]
+        if isinstance(low, float) and isinstance(high, float) and not low < high:
+            raise ValueError(
+                f"filter_um: {low:g} to {high:g} is empty; allowed: a lower and a higher wavelength"
+            )
+        return self
+
+    def calibration(self, camera: Mapping[str, Any]) -> dict[str, Any]:
+        """The camera's calibration through this filter, as `Calibration.to_dict`.
+
+        Args:
+            camera: the camera's configuration, with `calibration` and `integration_time_s`.
+        """
+        scale = camera["integration_time_s"] / self.integration_time_s
+        own = {
+            "filter_um": self.filter_um,
+            "counts_per_radiance": scale * self.counts_per_radiance,
+            **({} if self.offset_counts is None else {"offset_counts": self.offset_counts}),
+        }
+        return Calibration.from_dict({**camera["calibration"], **own}).to_dict()
+
+
+def _distinct(filters: tuple[SpectralFilter, ...]) -> tuple[SpectralFilter, ...]:
+    for key in ("position", "name"):
+        values = [getattr(item, key) for item in filters]
+        if twice := next((value for value in values if values.count(value) > 1), None):
+            raise ValueError(f"{key}: {twice} twice; allowed: each filter once")
+    if not filters:
+        raise ValueError("none; allowed: one filter or more")
+    return filters
+
+
+SpectralFilters = Annotated[tuple[SpectralFilter, ...], AfterValidator(_distinct)]
+"""Filters of a wheel: one or more, with different names and positions."""
+
+
 class Device(Protocol):
     """An instrument of any kind."""
 
@@ -225,6 +294,35 @@ class Camera(Device, Protocol):
 
     def statistics(self) -> dict[str, int]:
         """Counts, at least `delivered`, `missed` (triggers not accepted) and `flushed`."""
+
+
+class FilterWheel(Device, Protocol):
+    """A wheel of spectral filters in front of the camera.
+
+    `read_configuration()["filters"]` has every `SpectralFilter` as plain data.
+    """
+
+    @property
+    def filters(self) -> tuple[SpectralFilter, ...]:
+        """Filters with different names and positions, known once connected."""
+
+    @property
+    def moving_s(self) -> float:
+        """Longest time of a move."""
+
+    def move(self, name: str) -> None:
+        """Moves to a filter, and returns when the wheel reads that it is there.
+
+        Args:
+            name: of one of `filters`.
+
+        Raises:
+            ConfigRejected: there is no such filter; nothing moved.
+            DeviceTimeout: the wheel is not there after `moving_s`; it may be anywhere.
+        """
+
+    def read_filter(self) -> str | None:
+        """Name of the filter at the position read, None if there is none; raises NotConnected."""
 
 
 class Background(Device, Protocol):

@@ -1,6 +1,6 @@
 """The rig file of a simulated rig in front of a traced run."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +13,18 @@ def simulated_rig_data(
     run_folder: Path,
     *,
     further_runs: Sequence[Path] = (),
+    filters: Mapping[str, Sequence[Path]] | None = None,
     real_time_factor: float | None = None,
 ) -> dict[str, Any]:
     """Content of the rig file for a traced run.
 
     The black body accepts all temperatures of the scene, even those that a real one does not.
     `run_folder` has scene.yaml, weights/ and weights_reference/; `further_runs` are of the same
-    scene at other times of the spray. Without `real_time_factor` the sequence takes no time.
+    scene at other times of the spray, `filters` those behind each filter of a wheel. Without
+    `real_time_factor` the sequence takes no time.
     """
     temperatures_K = scene.background.temperatures_K
+    behind = {name: [str(run.resolve()) for run in runs] for name, runs in (filters or {}).items()}
     return {
         "name": f"simulated rig before {scene.name}",
         "clock": {"model": "simulated", "real_time_factor": real_time_factor},
@@ -40,9 +43,11 @@ def simulated_rig_data(
             "settings": {
                 "run": str(Path(run_folder).resolve()),
                 **({"runs": [str(run.resolve()) for run in further_runs]} if further_runs else {}),
+                **({"filters": behind} if filters else {}),
             },
         },
         "camera": {"driver": "simulated_camera", "settings": {}},
+        **({"filter_wheel": {"driver": "simulated_filter_wheel"}} if filters else {}),
         "background": {
             "driver": "simulated_blackbody",
             "settings": {

@@ -53,14 +53,14 @@ class RunCache:
         folder = self.cache / "runs" / trace_key(scene)
         make_folder(folder.parent)
         with FileLock(folder.with_suffix(".lock")):
-            run = self._found(folder)
+            run = self._cached_run(folder)
             if run is None:
                 run = self._traced(scene, folder, device, spray, progress)
                 self.computed.append(scene.name)
                 self._prune(folder)
         return reevaluated(run, scene)
 
-    def _found(self, folder: Path) -> Run | None:
+    def _cached_run(self, folder: Path) -> Run | None:
         if not folder.is_dir():
             return None
         try:
@@ -81,11 +81,11 @@ class RunCache:
     ) -> Run:
         """Traces into a folder that appears complete or not at all."""
         part = folder.with_suffix(".part")
-        shutil.rmtree(part, ignore_errors=True)  # of one that was killed
-        given = None if spray is None or members_of(scene) > 1 else spray()
+        shutil.rmtree(part, ignore_errors=True)  # left by a killed process
+        nominal_spray = None if spray is None or members_of(scene) > 1 else spray()
         try:
             run = simulate(
-                scene, part, device=device, cache=self.cache, spray=given, progress=progress
+                scene, part, device=device, cache=self.cache, spray=nominal_spray, progress=progress
             )
             with written(folder):
                 part.rename(folder)
@@ -95,13 +95,13 @@ class RunCache:
 
     def _prune(self, newest: Path) -> None:
         ages: list[tuple[float, int, Path]] = []
-        for each in newest.parent.iterdir():
-            if each.is_dir() and not each.suffix:
-                size = sum(file.stat().st_size for file in each.rglob("*") if file.is_file())
-                ages.append((each.stat().st_mtime, size, each))
+        for folder in newest.parent.iterdir():
+            if folder.is_dir() and not folder.suffix:
+                size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+                ages.append((folder.stat().st_mtime, size, folder))
         total = sum(size for _, size, _ in ages)
-        for used, size, each in sorted(ages):
-            if total <= self.most_bytes or each == newest or time.time() - used < 3600:
+        for used, size, folder in sorted(ages):
+            if total <= self.most_bytes or folder == newest or time.time() - used < 3600:
                 break
-            shutil.rmtree(each, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
             total -= size

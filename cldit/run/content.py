@@ -43,11 +43,11 @@ def trace_content(scene: Scene) -> dict[str, Any]:
     """
     data = scene.model_dump(mode="json")
     # A tabulated efficiency is part of the response in which vapour and droplets emit.
-    seen = ["quantum_efficiency"]
-    seen += [] if scene.camera.lens is None else ["pixels", "pitch_m", "f_number"]
-    seen += [] if scene.camera.exposure == "instant" else ["integration_time_s"]
+    sensor_keys = ["quantum_efficiency"]
+    sensor_keys += [] if scene.camera.lens is None else ["pixels", "pitch_m", "f_number"]
+    sensor_keys += [] if scene.camera.exposure == "instant" else ["integration_time_s"]
     sensor = data["camera"]["sensor"]
-    data["camera"]["sensor"] = {key: sensor[key] for key in seen}
+    data["camera"]["sensor"] = {key: sensor[key] for key in sensor_keys}
     scatter = data["spray"].pop("scatter")
     if members_of(scene) > 1:
         del scatter["optical_depth"], scatter["length_m"]
@@ -65,10 +65,12 @@ def trace_content(scene: Scene) -> dict[str, Any]:
 
 def named_files(scene: Scene) -> list[Path]:
     """Files and folders that a scene names: of its spray, and tables of its substances."""
-    named = [getattr(scene.spray, key, None) for key in ("file", "mapping")]
+    paths = [getattr(scene.spray, key, None) for key in ("file", "mapping")]
     substances = [scene.optics.liquid, scene.optics.vapour]
-    named += [each for each in substances if each is not None and Path(each).suffix]  # tables
-    return [Path(each) for each in named if each is not None]
+    paths += [
+        substance for substance in substances if substance is not None and Path(substance).suffix
+    ]  # tables
+    return [Path(path) for path in paths if path is not None]
 
 
 def trace_key(scene: Scene) -> str:

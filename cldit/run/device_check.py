@@ -65,7 +65,7 @@ Problem = Callable[[Device], Any]  # an image, or None
 
 _LAUNCHES = 2  # of each variant of a kernel
 _SCRATCH = "rays"  # of sweep.cl: its layout depends on the device
-_ROUNDING = {"float32": 2e-5, "float64": 5e-6}
+_ROUNDING = {"float32": 2e-5, "float64": 5e-6}  # this and the next three: see above
 _GAS = 3e-4  # of a spray in single precision; of the first launches
 _STEPS = 2e-2  # of droplets in single precision
 _SAMPLED = {
@@ -75,7 +75,7 @@ _SAMPLED = {
     "image": 2e-3,
 }
 _LONG = 70_000  # rounds: llvmpipe ends loops after 65,535
-_EDGE_M, _CELLS = 0.16, 16
+_EDGE_M, _CELLS = 0.16, 16  # of the cube of the octree: cells of 10 mm
 
 
 class _Differs(Exception):
@@ -86,11 +86,11 @@ class _Differs(Exception):
 class Launches:
     """Sums of the planes that kernels write, by kernel, argument and number, in order.
 
-    known: sums to compare them with, which raises _Differs; None: nothing is compared.
+    reference: sums to compare them with, which raises _Differs; None: nothing is compared.
     """
 
     rounding: float
-    known: Mapping[str, list[Sum]] | None
+    reference: Mapping[str, list[Sum]] | None
     sums: Sums = field(default_factory=dict)
     launches: Counter[str] = field(default_factory=Counter)
 
@@ -110,17 +110,19 @@ class Launches:
         """Adds the sums of planes (P, N)."""
         self.launches[f"{name} {argument}"] += 1
         key = f"{name} {argument} {self.launches[f'{name} {argument}']}"
-        self.sums[key] = found = [_weighted(plane) for plane in planes]
-        if self.known is None:
+        self.sums[key] = sums = [_weighted(plane) for plane in planes]
+        if self.reference is None:
             return
-        known = self.known.get(key, [])
-        if len(known) != len(found):
-            raise _Differs(f"{name}: {argument} has {len(found)} planes; allowed: {len(known)}")
+        expected_sums = self.reference.get(key, [])
+        if len(expected_sums) != len(sums):
+            raise _Differs(
+                f"{name}: {argument} has {len(sums)} planes; allowed: {len(expected_sums)}"
+            )
         allowed = _SAMPLED.get(name, self.rounding)
-        for (total, _), (expected, size) in zip(found, known, strict=True):
-            apart = abs(total - expected)
-            if not apart <= allowed * size:
-                amount = f"off by {apart / size:.1e}" if size else "not 0"
+        for (total, _), (expected, size) in zip(sums, expected_sums, strict=True):
+            difference = abs(total - expected)
+            if not difference <= allowed * size:
+                amount = f"off by {difference / size:.1e}" if size else "not 0"
                 raise _Differs(f"{name}: {argument} is {amount}; allowed: {allowed:.0e}")
 
 
@@ -137,21 +139,25 @@ def _planes(kernel: str, argument: str, arguments: Mapping[str, Any], values: An
 
 def _weighted(values: Any) -> Sum:
     """Sums of an array, without the elements that nothing has written, see `Device.poison`."""
-    whole = issubclass(values.dtype.type, np.integer)
-    unset = values == np.iinfo(values.dtype).max if whole else ~np.isfinite(values)
-    each = np.where(unset, 0, values).astype(np.float64)
-    weight = 1.0 + np.arange(each.size) * 0.6180339887498949 % 1.0
-    return float(weight @ each), float(weight @ np.abs(each))
+    is_integer = issubclass(values.dtype.type, np.integer)
+    unset = values == np.iinfo(values.dtype).max if is_integer else ~np.isfinite(values)
+    elements = np.where(unset, 0, values).astype(np.float64)
+    weight = 1.0 + np.arange(elements.size) * 0.6180339887498949 % 1.0
+    return float(weight @ elements), float(weight @ np.abs(elements))
 
 
 @cache
 def _written(file: str, kernel: str) -> set[str]:
     """Arguments that a kernel writes: pointers that are not to constant memory."""
     source = re.sub(r"/\*.*?\*/", "", assemble(file), flags=re.DOTALL)
-    found = re.search(rf"\b{kernel}\s*\(([^;{{}}]*?)\)\s*\{{", source)
-    assert found is not None, f"{file}: {kernel}"
-    pointers = [one for one in found[1].split(",") if "*" in one and "const" not in one]
-    return {one.split()[-1].strip("*") for one in pointers} - {_SCRATCH}
+    signature = re.search(rf"\b{kernel}\s*\(([^;{{}}]*?)\)\s*\{{", source)
+    assert signature is not None, f"{file}: {kernel}"
+    pointers = [
+        parameter
+        for parameter in signature[1].split(",")
+        if "*" in parameter and "const" not in parameter
+    ]
+    return {pointer.split()[-1].strip("*") for pointer in pointers} - {_SCRATCH}
 
 
 def _wave(count: int, step: float) -> Any:
@@ -167,19 +173,19 @@ def _deposits(device: Device) -> None:
     line = np.stack([(np.arange(_LONG) * 0.618034) % _CELLS] * 2 + [np.full(_LONG, 5.5)], axis=1)
     covariances = sides @ sides.transpose(0, 2, 1), np.zeros((_LONG, 3, 3))
     lower, upper = inside - 0.7, inside + np.array([0.2, 0.7, 1.6])
-    first = np.floor(lower).astype(np.int64)
-    span = first, np.ceil(upper).astype(np.int64) - first
-    for count, made in (
+    lower_cell = np.floor(lower).astype(np.int64)
+    span = lower_cell, np.ceil(upper).astype(np.int64) - lower_cell
+    for count, rasteriser in (
         (30, CloudRasteriser.of(device, inside, covariances[0], _CELLS)),
         (_LONG, CloudRasteriser.of(device, line, covariances[1], _CELLS)),
         (30, BoxRasteriser.of(device, lower, upper, span, _CELLS)),
     ):
         mark = np.zeros((2, 2, 2), bool)
-        made.mark(mark)
+        rasteriser.mark(mark)
         directory = np.full(mark.shape, -1, np.int32)
         directory[mark] = np.arange(mark.sum())
         amount = 1.5 + _wave(count, 0.7)
-        made.add(directory, [amount], [np.zeros(512 * int(mark.sum()))])
+        rasteriser.add(directory, [amount], [np.zeros(512 * int(mark.sum()))])
 
 
 def _medium() -> Octree:
@@ -188,10 +194,10 @@ def _medium() -> Octree:
     low, high = np.array([3, 2, 5]), np.array([11, 12, 13])
     cell = np.stack(np.meshgrid(*map(np.arange, low, high), indexing="ij"), axis=-1).reshape(-1, 3)
     x, y, z = (cell + 0.5 - (low + high) / 2).T
-    near = np.exp(-(x**2 + 0.5 * (y - 1) ** 2 + z**2) / 8)
+    gaussian = np.exp(-(x**2 + 0.5 * (y - 1) ** 2 + z**2) / 8)
     lower_m = np.asarray(frame.lower_m) + cell * frame.cell_m
-    section_m2 = frame.cell_m**2 * (1e-3 + 1.5 * near) * (1 + 0.3 * _wave(len(cell), 2.4))
-    absorption = (0.005 + 0.03 * near) / frame.cell_m
+    section_m2 = frame.cell_m**2 * (1e-3 + 1.5 * gaussian) * (1 + 0.3 * _wave(len(cell), 2.4))
+    absorption = (0.005 + 0.03 * gaussian) / frame.cell_m
     nothing = np.zeros(len(cell))
     droplets = PointSource(
         position_m=lower_m + frame.cell_m / 2,
@@ -216,8 +222,8 @@ def _phase(name: str) -> ScatteringTable | None:
     """Isotropic, one phase function, or those of two classes of size, as Mie's theory has them."""
     if name == "isotropic":
         return None
-    mean, *own = (ScatteringTable.of(henyey_greenstein(g)) for g in (0.6, 0.4, 0.8))
-    classes = SizeClasses(np.array([1e-5]), tuple(own), 0.0)
+    mean, *by_class = (ScatteringTable.of(henyey_greenstein(g)) for g in (0.6, 0.4, 0.8))
+    classes = SizeClasses(np.array([1e-5]), tuple(by_class), 0.0)
     return mean if name == "forward" else replace(mean, classes=classes)
 
 
@@ -245,25 +251,25 @@ _TRACES: dict[str, dict[str, Any]] = {  # sections of a scene
 }
 
 
-def _trace(device: Device, tree: Octree, precision: str, given: Mapping[str, Any]) -> Any:
+def _trace(device: Device, tree: Octree, precision: str, sections: Mapping[str, Any]) -> Any:
     scene = parse_scene(
         {
             "name": "check",
             "domain": {"edge_m": _EDGE_M, "leaf_edge_m": _EDGE_M / (_CELLS - 0.1)},
             "spray": {"model": "none"},
-            "camera": _CAMERA | given.get("camera", {}),
+            "camera": _CAMERA | sections.get("camera", {}),
             "background": {"radius_m": 0.03},
-            "patches": given.get("patches", []),
-            "transport": {**_TRANSPORT, "precision": precision, **given.get("transport", {})},
+            "patches": sections.get("patches", []),
+            "transport": {**_TRANSPORT, "precision": precision, **sections.get("transport", {})},
         }
     )
-    settings, phase = settings_for(scene), _phase(given.get("phase", "isotropic"))
+    settings, phase = settings_for(scene), _phase(sections.get("phase", "isotropic"))
     # A work-item on a CPU takes eight paths at a time.
-    samples = given.get("samples", 128) * (8 if device.is_cpu else 1)
+    samples = sections.get("samples", 128) * (8 if device.is_cpu else 1)
     tuning = replace(settings.tuning, first_samples=samples, iterations=60)
     tuning = replace(tuning, audit_samples_least=_PATHS, audit_samples_most=_PATHS)
-    made = trace(tree, scene, device, replace(settings, phase=phase, tuning=tuning))
-    return np.concatenate([image.reshape(-1) for image in made.weights.images.values()])
+    traced = trace(tree, scene, device, replace(settings, phase=phase, tuning=tuning))
+    return np.concatenate([image.reshape(-1) for image in traced.weights.images.values()])
 
 
 def _spray(device: Device) -> None:
@@ -298,24 +304,24 @@ def _droplets(device: Device, model: str) -> None:
     rates(drop, kernels)
     kernels.run("films", drop.columns(), 11, share=1 / 3)
     advance(states, DropletSurroundings(*gases), 2e-4, kernels)
-    thrice = DropletSurroundings(*(np.stack([one] * 3) for one in (*gases[:3], slow)))
+    thrice = DropletSurroundings(*(np.stack([quantity] * 3) for quantity in (*gases[:3], slow)))
     along = replace(states, velocity_m_s=velocity_m_s[:, :1])
     follow_droplets(along, thrice, np.array([2e-5, 4e-5, 8e-5]), kernels, tolerance=1e-3)
 
 
 def problems(device: Device) -> Iterator[tuple[str, float, Problem]]:
     """Name, tolerance of deterministic kernels, and problem, for each precision of the device."""
-    own = "float64" if device.info.float64 else "float32"
+    device_precision = "float64" if device.info.float64 else "float32"
     single = _ROUNDING["float32"]
-    yield f"{own} deposit", single, _deposits
+    yield f"{device_precision} deposit", single, _deposits
     yield "float32 spray", _GAS, _spray
     for model in MODELS:
-        rounding = single if own == "float64" else _STEPS
-        yield f"{own} droplets, {model}", rounding, partial(_droplets, model=model)
+        rounding = single if device_precision == "float64" else _STEPS
+        yield f"{device_precision} droplets, {model}", rounding, partial(_droplets, model=model)
     tree = _medium()
-    for precision in dict.fromkeys(("float32", own)):
-        for name, given in _TRACES.items():
-            work = partial(_trace, tree=tree, precision=precision, given=given)
+    for precision in dict.fromkeys(("float32", device_precision)):
+        for name, sections in _TRACES.items():
+            work = partial(_trace, tree=tree, precision=precision, sections=sections)
             yield f"{precision} {name}", _ROUNDING[precision], work
 
 
@@ -342,16 +348,16 @@ def check_device(
             continue
         if report is not None:
             report(name)
-        known = reference[name] | reference.get(f"{name}, {lanes(device)}", {})
-        found = Launches(rounding, known)
+        expected = reference[name] | reference.get(f"{name}, {lanes(device)}", {})
+        launches = Launches(rounding, expected)
         try:
-            solve(problem, device, found)
-            missing = [key for key in known if key not in found.sums]
+            solve(problem, device, launches)
+            missing = [key for key in expected if key not in launches.sums]
             if missing:
                 faults.append(f"{name}: {missing[0]} is missing")
         except (_Differs, ClditError, cl.Error) as error:
             faults.append(f"{name}: {error}")
-        kernels |= {key.rsplit(" ", 2)[0] for key in found.sums if ".cl " in key}
+        kernels |= {key.rsplit(" ", 2)[0] for key in launches.sums if ".cl " in key}
     return Check(tuple(faults), len(kernels), time.perf_counter() - start)
 
 

@@ -18,96 +18,16 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
-from cldit.io.images import read_image, words, write_maps
 from cldit.radiance.apparent_temperature import has_temperature
+from cldit.run.ensemble_statistics import Ensemble, Image
 from cldit.run.mean_light import MeanLight
 from cldit.run.result import Run
 from cldit.scene import Scene, dump_scene
 from cldit.scene.scatter import member, members_of, nominal
 
-Image = NDArray[np.float32]
-NOMINAL, MEMBERS, STATISTICS = "nominal", "members", "ensemble"
+NOMINAL, MEMBERS = "nominal", "members"
 INJECTIONS = "injections"
 UNSTATED = "one of several injections, traced with the resolution of the nominal one"
-_UNITS = {
-    "apparent_temperature_nominal_K": "K",
-    "apparent_temperature_mean_K": "K",
-    "apparent_temperature_deviation_K": "K",
-    "apparent_temperature_standard_error_K": "K",
-    "emissivity_mean": "1",
-    "emissivity_deviation": "1",
-    "emissivity_standard_error": "1",
-    "injections": "1",
-}
-
-
-@dataclass(frozen=True)
-class Ensemble:
-    """Statistics of the members of a run; maps (H, W) float32, NaN where there is no value.
-
-    members: their number. maps: T_app of the nominal injection; mean and standard deviation of the
-    members' T_app and emissivity, of T_app over the members that have one (`injections`); standard
-    errors of the run's own maps, those of the mean light.
-    """
-
-    members: int
-    maps: Mapping[str, Image] = field(repr=False)
-
-    def __getitem__(self, name: str) -> Image:
-        return self.maps[name]
-
-    def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes a TIFF for each map, for pixels of `pixel_m`."""
-        maps = {name: (image, _UNITS[name]) for name, image in self.maps.items()}
-        write_maps(folder, maps, pixel_m=pixel_m)
-
-    @classmethod
-    def load(cls, folder: Path, members: int) -> "Ensemble":
-        """Reads the files of `save`; raises RunFolderError if one is missing or damaged."""
-        return cls(members, {name: read_image(folder / f"{name}.tif")[0] for name in _UNITS})
-
-    @property
-    def labelled(self) -> dict[str, tuple[Image, str, str]]:
-        """Image, unit and description of each map, for `cldit.run.labelled`."""
-        return {
-            f"ensemble_{name}": (
-                image,
-                _UNITS[name],
-                f"{words(name)} of {self.members} injections",
-            )
-            for name, image in self.maps.items()
-        }
-
-    def text(self, run: Run) -> str:
-        """The figures on one line."""
-        each = (f"{_FIGURES[name]} {kelvin:.2g} K" for name, kelvin in self.figures(run).items())
-        return f"T_app, RMS: {', '.join(each)}"
-
-    def figures(self, run: Run) -> dict[str, float]:
-        """RMS over pixels where all members and `run` have a T_app: deviation of one injection,
-        standard error of the mean light, mean of T_app less T_app of the mean light, and this less
-        the nominal one's."""
-        light = run.maps.apparent_temperature_K
-        found = {
-            "deviation_K": self["apparent_temperature_deviation_K"],
-            "standard_error_K": self["apparent_temperature_standard_error_K"],
-            "mean_less_mean_light_K": self["apparent_temperature_mean_K"] - light,
-            "mean_light_less_nominal_K": light - self["apparent_temperature_nominal_K"],
-        }
-        seen = run.maps.has_temperature & (self["injections"] == self.members)
-        return {
-            name: float(np.sqrt(np.mean(image[here].astype(float) ** 2)))
-            for name, image in found.items()
-            if (here := seen & np.isfinite(image)).any()
-        }
-
-
-_FIGURES = {
-    "deviation_K": "standard deviation of one injection",
-    "standard_error_K": "standard error of the mean light",
-    "mean_less_mean_light_K": "mean of T_app less T_app of the mean light",
-    "mean_light_less_nominal_K": "mean light less the nominal injection",
-}
 
 
 @dataclass
@@ -120,20 +40,20 @@ class _Sums:
     def add(self, maps: Maps) -> None:
         """Adds one member."""
         emissivity = np.nan_to_num(maps.emissivity.astype(float))
-        known_K = maps.apparent_temperature_K.astype(float)
-        here = has_temperature(maps.emissivity, known_K)
-        kelvin: Floats = np.where(here, known_K, 0.0)
-        own = np.where(np.isfinite(known_K), emissivity, 0.0)
-        own[own != 0.0] *= self.curve.radiance(known_K[own != 0.0])
+        temperature_K = maps.apparent_temperature_K.astype(float)
+        valid = has_temperature(maps.emissivity, temperature_K)
+        kelvin: Floats = np.where(valid, temperature_K, 0.0)
+        radiance = np.where(np.isfinite(temperature_K), emissivity, 0.0)
+        radiance[radiance != 0.0] *= self.curve.radiance(temperature_K[radiance != 0.0])
         images = {
-            "count": here.astype(float),
+            "count": valid.astype(float),
             "K": kelvin,
             "K2": kelvin**2,
             "e": emissivity,
-            "E": own,
+            "E": radiance,
             "ee": emissivity**2,
-            "eE": emissivity * own,
-            "EE": own**2,
+            "eE": emissivity * radiance,
+            "EE": radiance**2,
         }
         for name, image in images.items():
             self.sums[name] = self.sums.get(name, 0.0) + image
@@ -146,20 +66,22 @@ class _Sums:
             mean_K = sums["K"] / np.where(count > 0, count, np.nan)
             square = (sums["K2"] - count * mean_K**2) / np.where(count > 1, count - 1, np.nan)
 
-            def covariance(one: str, other: str, both: str) -> Floats:
-                return np.asarray((sums[both] - sums[one] * sums[other] / n) / max(n - 1, 1.0))
+            def covariance(x: str, y: str, product: str) -> Floats:
+                return np.asarray((sums[product] - sums[x] * sums[y] / n) / max(n - 1, 1.0))
 
             ee = covariance("e", "e", "ee")
             # T_app of the mean light is that of E / e: d T = (dE - B(T) de) / (e dB/dT).
-            here = maps.has_temperature
-            light_K = maps.apparent_temperature_K[here].astype(float)
+            valid = maps.has_temperature
+            light_K = maps.apparent_temperature_K[valid].astype(float)
             black, slope = self.curve.radiance(light_K), self.curve.slope(light_K)
-            own = covariance("E", "E", "EE")[here]
-            own += black**2 * ee[here] - 2.0 * black * covariance("e", "E", "eE")[here]
+            variance = covariance("E", "E", "EE")[valid]
+            variance += black**2 * ee[valid] - 2.0 * black * covariance("e", "E", "eE")[valid]
             error_K = np.full(count.shape, np.nan)
-            error_K[here] = np.sqrt(np.maximum(own, 0.0) / n) / (slope * maps.emissivity[here])
-            error_K[count < 2.0] = np.nan  # one member alone says nothing of the others
-            found: dict[str, NDArray[np.floating]] = {
+            error_K[valid] = np.sqrt(np.maximum(variance, 0.0) / n) / (
+                slope * maps.emissivity[valid]
+            )
+            error_K[count < 2.0] = np.nan  # one member has no deviation
+            images: dict[str, NDArray[np.floating]] = {
                 "apparent_temperature_nominal_K": of_nominal.apparent_temperature_K,
                 "apparent_temperature_mean_K": mean_K,
                 "apparent_temperature_deviation_K": np.sqrt(np.maximum(square, 0.0)),
@@ -169,10 +91,13 @@ class _Sums:
                 "emissivity_standard_error": np.sqrt(np.maximum(ee, 0.0) / n),
                 "injections": count,
             }
-        seen = np.isfinite(maps.emissivity)
+        visible = np.isfinite(maps.emissivity)
         return Ensemble(
             members,
-            {name: np.where(seen, one, np.nan).astype(np.float32) for name, one in found.items()},
+            {
+                name: np.where(visible, image, np.nan).astype(np.float32)
+                for name, image in images.items()
+            },
         )
 
 
@@ -186,30 +111,32 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
     """
     if folder is not None:
         begin(scene, folder)
-    first = trace(nominal(scene), folder and folder / NOMINAL, like)
+    nominal_run = trace(nominal(scene), folder and folder / NOMINAL, like)
     members = members_of(scene)
-    sums = _Sums(Curve(filter_um=first.quadrature.filter_um))
+    sums = _Sums(Curve(filter_um=nominal_run.quadrature.filter_um))
 
-    def each() -> Iterator[Run]:
+    def member_runs() -> Iterator[Run]:
         for number in range(1, members + 1):
-            run = trace(member(scene, number), folder and member_folder(folder, number), first)
+            run = trace(
+                member(scene, number), folder and member_folder(folder, number), nominal_run
+            )
             sums.add(run.maps)
             yield run
 
-    light = MeanLight.of(scene, each(), first, what="injections")
+    light = MeanLight.of(scene, member_runs(), nominal_run, label="injections")
     remark = f"mean of {members} injections; figures of the spray are those of the nominal one"
-    run = light.run(scene, first, folder, remark)
-    statistics = sums.statistics(run.maps, first.maps, members)
+    run = light.run(scene, nominal_run, folder, remark)
+    statistics = sums.statistics(run.maps, nominal_run.maps, members)
     return replace(
         run,
-        info=replace(run.info, errors=_errors(first.errors, statistics, run.maps)),
+        info=replace(run.info, errors=_errors(nominal_run.errors, statistics, run.maps)),
         error_maps=_error_maps(
-            first.error_maps,
+            nominal_run.error_maps,
             statistics["apparent_temperature_standard_error_K"],
             run.maps.has_temperature,
         ),
         emissivity_error_maps=_error_maps(
-            first.emissivity_error_maps,
+            nominal_run.emissivity_error_maps,
             statistics["emissivity_standard_error"],
             np.isfinite(run.maps.emissivity),
         ),
@@ -218,7 +145,7 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
 
 
 def begin(scene: Scene, folder: Path) -> None:
-    """Writes the scene into the folder of an ensemble, first of all: it says what the folder is."""
+    """Writes the scene into the folder of an ensemble first: it identifies the folder."""
     make_folder(folder)
     write_text(folder / "scene.yaml", dump_scene(scene))
 
@@ -234,11 +161,11 @@ def _errors(errors: Errors | None, statistics: Ensemble, maps: Maps) -> Errors |
         return errors
     rms = []
     for name in ("apparent_temperature_standard_error_K", "emissivity_standard_error"):
-        here = maps.has_temperature & np.isfinite(statistics[name])
-        square = statistics[name][here].astype(float) ** 2
-        rms.append(float(np.sqrt(np.mean(square))) if here.any() else None)
-    how = f"standard error of the mean of {statistics.members} injections"
-    cause = Cause(INJECTIONS, rms[0], how, "spray.scatter.members", emissivity=rms[1])
+        valid = maps.has_temperature & np.isfinite(statistics[name])
+        square = statistics[name][valid].astype(float) ** 2
+        rms.append(float(np.sqrt(np.mean(square))) if valid.any() else None)
+    method = f"standard error of the mean of {statistics.members} injections"
+    cause = Cause(INJECTIONS, rms[0], method, "spray.scatter.members", emissivity=rms[1])
     return replace(errors, causes=(*errors.causes, cause))
 
 

@@ -29,12 +29,12 @@ def exposed(scene: Scene) -> bool:
         "instant": (model,),
     }[camera.exposure]
     if model not in allowed:
-        lack = "no times between those of its files" if model == "cfd" else "no velocities"
-        lack = "neither times nor velocities" if model in ("grid", "none") else lack
-        other = {"cone": "times", "cfd": "smear"}.get(model, "instant")
+        reason = "no times between those of its files" if model == "cfd" else "no velocities"
+        reason = "neither times nor velocities" if model in ("grid", "none") else reason
+        alternative = {"cone": "times", "cfd": "smear"}.get(model, "instant")
         raise SceneError(
-            f"camera.exposure: {camera.exposure} with spray.model {model}, which has {lack}; "
-            f"allowed: {other}"
+            f"camera.exposure: {camera.exposure} with spray.model {model}, which has {reason}; "
+            f"allowed: {alternative}"
         )
     return camera.exposure == "times"
 
@@ -55,43 +55,43 @@ def exposed_run(
     instant = scene.model_copy(update={"camera": camera.model_copy(update={"exposure": "instant"})})
     middle_s = spray_time_s(scene)
     assert middle_s is not None
-    first = trace(instant, None, like)
+    middle_run = trace(instant, None, like)
 
-    def each() -> Iterator[Run]:
+    def time_runs() -> Iterator[Run]:
         for place in places:
             at_s = middle_s + 0.5 * camera.exposure_s * float(place)
             at_middle = abs(place) < 1e-12
-            yield first if at_middle else trace(scene_at(instant, at_s), None, first)
+            yield middle_run if at_middle else trace(scene_at(instant, at_s), None, middle_run)
 
-    runs = list(each())
-    light = MeanLight.of(scene, runs, first, what="times", shares=shares.tolist())
+    runs = list(time_runs())
+    light = MeanLight.of(scene, runs, middle_run, label="times", shares=shares.tolist())
     remark = (
         f"mean light of {len(runs)} times within {1e6 * camera.exposure_s:g} us; figures of the "
         "spray are those of the middle one"
     )
-    run = light.run(scene, first, folder, remark)
+    run = light.run(scene, middle_run, folder, remark)
     errors = run.info.errors
     if errors is None or errors.why:
         return run
-    causes = (*errors.causes, _error(scene, runs, first, light, places))
+    causes = (*errors.causes, _error(scene, runs, middle_run, light, places))
     return replace(run, info=replace(run.info, errors=replace(errors, causes=causes)))
 
 
 def _error(
-    scene: Scene, runs: list[Run], first: Run, light: MeanLight, places: np.ndarray
+    scene: Scene, runs: list[Run], middle_run: Run, light: MeanLight, places: np.ndarray
 ) -> Cause:
     """Difference from the rule without the middle time, of lower order: an upper bound."""
     outer = [number for number, place in enumerate(places) if abs(place) > 1e-12]
     powers = np.vander(places[outer], increasing=True).T
     integrals = [0.0 if n % 2 else 2.0 / (n + 1) for n in range(len(outer))]
     shares = np.linalg.solve(powers, integrals).tolist()
-    some = [runs[number] for number in outer]
-    fewer = MeanLight.of(scene, some, first, what="times", shares=shares).maps
-    here = light.maps.has_temperature & fewer.has_temperature
+    outer_runs = [runs[number] for number in outer]
+    outer_light = MeanLight.of(scene, outer_runs, middle_run, label="times", shares=shares).maps
+    valid = light.maps.has_temperature & outer_light.has_temperature
     rms = []
     for name in ("apparent_temperature_K", "emissivity"):
-        apart = (getattr(light.maps, name) - getattr(fewer, name))[here].astype(float)
-        rms.append(float(np.sqrt(np.mean(apart**2))) if here.any() else None)
-    how = f"mean of {len(runs)} times against {len(outer)} of them, at lower order"
+        difference = (getattr(light.maps, name) - getattr(outer_light, name))[valid].astype(float)
+        rms.append(float(np.sqrt(np.mean(difference**2))) if valid.any() else None)
+    method = f"mean of {len(runs)} times against {len(outer)} of them, at lower order"
     key = "camera.exposure_times"
-    return Cause(EXPOSURE, rms[0], how, key, at_most=True, emissivity=rms[1])
+    return Cause(EXPOSURE, rms[0], method, key, at_most=True, emissivity=rms[1])

@@ -1,88 +1,55 @@
-"""The folder of a run: written, found again, read."""
+"""The folder of a run: found again, and read."""
 
 import itertools
-import json
-import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
-from cldit.errors import ClditError, FileError, RunFolderError, SceneError
-from cldit.io.digests import UNVERIFIED, read_sealed, write_sealed
+from cldit.errors import FileError, RunFolderError, SceneError
+from cldit.io.digests import UNVERIFIED, read_sealed
 from cldit.io.exclusive import is_empty
-from cldit.io.files import make_folder, natural_order, write_text, written
-from cldit.io.images import read_image, write_image
-from cldit.io.plain_data import read_json, read_mapping
+from cldit.io.files import natural_order
+from cldit.io.images import read_image
+from cldit.io.plain_data import read_mapping
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.prepare.stages import Stage
 from cldit.radiance.weights import Weights
-from cldit.run.ensemble import STATISTICS, Ensemble
+from cldit.run.ensemble_statistics import STATISTICS, Ensemble
 from cldit.run.result import Run, RunInfo
-from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.run.stored_files import (
+    EMISSIVITY_ERRORS,
+    RAYS,
+    SCENE_FILE,
+    load_maps,
+    node_folders,
+)
+from cldit.scene import Scene, parse_scene
 from cldit.scene.delays import delay_folder, spray_time_s
 from cldit.scene.scatter import members_of
 from cldit.scene.spray import CfdSpray
 
-SCENE_FILE, RAYS = "scene.yaml", "rays.tif"
 ANOTHER_FOLDER = "give another folder (--out), or remove this one"
-EMISSIVITY_ERRORS = Path("errors", "emissivity")
-_QUADRATURE = "quadrature.json"
 
 
-def save_run(run: Run, folder: Path) -> None:
-    """Writes the run; run.json comes last, with digests of the files that `open_run` reads."""
-    make_folder(folder)
-    write_text(folder / SCENE_FILE, dump_scene(run.scene))
-    run.weights.save(folder / "weights", pixel_m=run.pixel_m)
-    save_nodes(folder / "weights", run.quadrature, run.spectral, pixel_m=run.pixel_m)
-    run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
-    run.maps.save(folder / "maps", pixel_m=run.pixel_m)
-    save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
-    save_maps(run.emissivity_error_maps, folder / EMISSIVITY_ERRORS, pixel_m=run.pixel_m)
-    if run.rays is not None:
-        write_image(folder / RAYS, run.rays, name="rays", unit="1", pixel_m=run.pixel_m)
-    if run.ensemble is not None:
-        run.ensemble.save(folder / STATISTICS, pixel_m=run.pixel_m)
-    places = ("weights", "weights_reference", "maps", "errors", STATISTICS)
-    files = [file for place in places for file in (folder / place).rglob("*")
-             if file.suffix in (".tif", ".json")]  # fmt: skip
-    files += [folder / RAYS] if run.rays is not None else []
-    write_sealed(folder / "run.json", run.info.to_dict(), [folder / SCENE_FILE, *files])
-
-
-def store_run(run: Run, folder: Path) -> Path:
-    """Writes the `run` into `folder`, with the acquisition that lies in the run's own folder."""
-    if not is_empty(folder):
-        raise RunFolderError(f"{folder}: is not empty; allowed: an empty folder, or a new one")
-    make_folder(folder)
-    if run.measured is not None and run.folder is not None:
-        with written(folder):
-            shutil.copytree(run.folder / "acquisition", folder / "acquisition")
-    save_run(run, folder)
-    return folder
-
-
-def free_folder(first: Path, scene: Scene, kept_scene: str = SCENE_FILE) -> Path:
-    """The first of `first`, `first-2`, .. that is empty or has results of the same scene.
+def free_folder(preferred: Path, scene: Scene, kept_scene: str = SCENE_FILE) -> Path:
+    """The first of `preferred`, `preferred-2`, .. that is empty or has results of the same scene.
 
     kept_scene: name of the file in which such a folder keeps its scene.
     """
     for number in itertools.count(1):
-        folder = first if number == 1 else first.with_name(f"{first.name}-{number}")
-        known = folder / kept_scene
+        folder = preferred if number == 1 else preferred.with_name(f"{preferred.name}-{number}")
+        scene_path = folder / kept_scene
         if is_empty(folder):
             return folder
         with suppress(RunFolderError, FileError):
-            if known.is_file() and stored_scene(known) == scene:
+            if scene_path.is_file() and stored_scene(scene_path) == scene:
                 return folder
     raise AssertionError
 
@@ -91,13 +58,13 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     """The finished run of the same scene in `folder`, if there is one."""
     if is_empty(folder):
         return None
-    known = folder / SCENE_FILE
-    if not known.is_file():
+    scene_path = folder / SCENE_FILE
+    if not scene_path.is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no run; {ANOTHER_FOLDER}")
-    before = stored_scene(known)
-    if before != scene:
+    stored = stored_scene(scene_path)
+    if stored != scene:
         raise RunFolderError(
-            f"{folder}: holds a run of another scene ({before.name}, or other settings); "
+            f"{folder}: holds a run of another scene ({stored.name}, or other settings); "
             f"{ANOTHER_FOLDER}"
         )
     if not (folder / "run.json").is_file():
@@ -161,7 +128,7 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
 
 def _traced(folder: Path) -> Run:
     """The run without its acquisition; raises as `open_run`."""
-    times = sorted((each.parent for each in folder.glob("*/run.json")), key=natural_order)
+    times = sorted((path.parent for path in folder.glob("*/run.json")), key=natural_order)
     if times and not (folder / "run.json").is_file():
         raise RunFolderError(
             f"{folder}: has the runs of a series; allowed: one of {', '.join(map(str, times))}"
@@ -180,9 +147,9 @@ def _traced(folder: Path) -> Run:
     patches = [patch.name for patch in scene.patches]
     columns, rows = scene.camera.pixels
     folders = (folder / "weights", *nodes, folder / "weights_reference")
-    weights, *spectral, reference = (Weights.load(each, patches=patches) for each in folders)
-    for place, one in zip(folders, (weights, *spectral, reference), strict=True):
-        _check_shapes(place, one.images, (rows, columns))
+    weights, *spectral, reference = (Weights.load(place, patches=patches) for place in folders)
+    for place, loaded in zip(folders, (weights, *spectral, reference), strict=True):
+        _check_shapes(place, loaded.images, (rows, columns))
     maps = Maps.load(folder / "maps")
     _check_shapes(folder / "maps", vars(maps), (rows, columns))
     members = members_of(scene)
@@ -208,8 +175,8 @@ def stored_scene(path: Path) -> Scene:
     try:
         return parse_scene(read_mapping(path), source=str(path), finished=True)
     except SceneError as error:
-        what = str(error).removeprefix(f"{path}:").strip()
-        raise RunFolderError(f"{path}: is damaged ({what})") from error
+        message = str(error).removeprefix(f"{path}:").strip()
+        raise RunFolderError(f"{path}: is damaged ({message})") from error
 
 
 def _stored_info(path: Path) -> RunInfo:
@@ -219,8 +186,8 @@ def _stored_info(path: Path) -> RunInfo:
     data, verified = read_sealed(path)
     try:
         info = RunInfo.from_dict(data)
-        more = () if verified or UNVERIFIED in info.remarks else (UNVERIFIED,)
-        return replace(info, remarks=(*info.remarks, *more))
+        new_remarks = () if verified or UNVERIFIED in info.remarks else (UNVERIFIED,)
+        return replace(info, remarks=(*info.remarks, *new_remarks))
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise RunFolderError(f"{path}: is damaged ({error})") from error
 
@@ -238,59 +205,3 @@ def with_stages(run: Run, stages: list[Stage], measured: Maps | None) -> Run:
     """Adds the `stages` of an evaluation, and the maps `measured` from an acquisition, to a run."""
     info = replace(run.info, stages=(*run.info.stages, *stages))
     return replace(run, info=info, measured=measured)
-
-
-def save_nodes(
-    folder: Path,
-    quadrature: Quadrature,
-    spectral: Sequence[Weights],
-    *,
-    pixel_m: tuple[float, float],
-) -> None:
-    """Writes each node's weights into `folder/node_00`, .., and the description of the nodes.
-
-    A single node has the weights of `folder` itself, and nothing is written.
-    """
-    if len(spectral) == 1:
-        return
-    for number, weights in enumerate(spectral):
-        weights.save(folder / f"node_{number:02d}", pixel_m=pixel_m)
-    text = json.dumps(quadrature.to_dict())
-    write_text(folder / _QUADRATURE, text)
-
-
-def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path, ...]]:
-    """The nodes in a folder of weights, and the folder of each one's weights; without nodes, `grey`
-    and the folder itself. Raises RunFolderError if the description is damaged.
-    """
-    path = folder / _QUADRATURE
-    if not path.is_file():
-        return grey, (folder,)
-    try:
-        quadrature = Quadrature.from_dict(read_json(path))
-    except RunFolderError:
-        raise
-    except (ValueError, TypeError, KeyError, ClditError) as error:
-        raise RunFolderError(f"{path}: is damaged ({error}); trace the run again") from error
-    names = tuple(folder / f"node_{number:02d}" for number in range(len(quadrature.members)))
-    return quadrature, names
-
-
-def save_maps(
-    maps: Mapping[str, NDArray[np.float32]], folder: Path, *, pixel_m: tuple[float, float]
-) -> None:
-    """Writes each map of an error as float32 TIFF, `total.tif`, `cells.tif`, .."""
-    of, unit = "apparent temperature", "K"
-    if folder.name == EMISSIVITY_ERRORS.name:
-        of, unit = "emissivity", "1"
-    for name, image in maps.items():
-        make_folder(folder)
-        what = f"standard error of the {of}{'' if name == TOTAL else f' by {name}'}"
-        path = folder / f"{name.replace(' ', '_')}.tif"
-        write_image(path, image, name=what, unit=unit, pixel_m=pixel_m)
-
-
-def load_maps(folder: Path) -> dict[str, NDArray[np.float32]]:
-    """Reads the files of `save_maps`; nothing without a folder. Raises RunFolderError."""
-    files = sorted(folder.glob("*.tif"))
-    return {file.stem.replace("_", " "): read_image(file)[0] for file in files}

@@ -48,7 +48,7 @@ def labelled(
     weights: Weights | None = None,
     error_maps: Mapping[str, NDArray[np.float32]] | None = None,
     emissivity_error_maps: Mapping[str, NDArray[np.float32]] | None = None,
-    more: Mapping[str, tuple[Any, str, str]] | None = None,
+    extra_variables: Mapping[str, tuple[Any, str, str]] | None = None,
     attrs: Mapping[str, str] | None = None,
 ) -> "xarray.Dataset":
     """Maps, and weights where they are given, over x and z of the plane of the target.
@@ -59,13 +59,13 @@ def labelled(
         weights: (H, W) of the trace; None omits them.
         error_maps: (H, W) standard error of the simulation's T_app by source, and `total`.
         emissivity_error_maps: likewise of its emissivity.
-        more: further variables, as in `labelled_maps`.
+        extra_variables: as in `labelled_maps`.
         attrs: of the data set, in addition to the scene.
 
     Returns:
         As `labelled_maps`; raises as it.
     """
-    variables: dict[str, Any] = dict(more or {})
+    variables: dict[str, Any] = dict(extra_variables or {})
     if weights is not None:
         for name, image in weights.images.items():
             unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"
@@ -86,7 +86,7 @@ def labelled(
         title=scene.name,
         pixel_m=pixel_m,
         centre_m=(target[0], target[2]),
-        more=variables,
+        extra_variables=variables,
         attrs={"scene": json.dumps(scene.model_dump(mode="json")), **(attrs or {})},
     )
 
@@ -97,7 +97,7 @@ def labelled_maps(
     title: str,
     pixel_m: tuple[float, float],
     centre_m: tuple[float, float],
-    more: Mapping[str, tuple[Any, str, str]] | None = None,
+    extra_variables: Mapping[str, tuple[Any, str, str]] | None = None,
     attrs: Mapping[str, str] | None = None,
 ) -> "xarray.Dataset":
     """Maps (H, W) over x and z.
@@ -105,7 +105,7 @@ def labelled_maps(
     Args:
         pixel_m: width and height of a pixel on the object.
         centre_m: x and z of the image's centre.
-        more: further variables by name: (H, W), unit, and description.
+        extra_variables: further variables by name: (H, W), unit, and description.
         attrs: of the data set, in addition to title and conventions.
 
     Returns:
@@ -113,42 +113,45 @@ def labelled_maps(
     """
     xr = xarray_module()
     height, width = maps.emissivity.shape
-    middle_x, middle_z = (1e3 * one for one in centre_m)
-    across, up = (1e3 * one for one in pixel_m)
+    middle_x, middle_z = (1e3 * length_m for length_m in centre_m)
+    across, up = (1e3 * length_m for length_m in pixel_m)
     x = middle_x + (np.arange(width) - (width - 1) / 2) * across
     z = middle_z - (np.arange(height) - (height - 1) / 2) * up
     coords = {name: (name, places, AXES[name]) for name, places in (("x", x), ("z", z))}
-    beside = [name for name in more or {} if "error" in name]
+    error_names = [name for name in extra_variables or {} if "error" in name]
     variables: dict[str, Any] = {
-        name: (("z", "x"), getattr(maps, name), _attributes(name, beside)) for name in UNITS
+        name: (("z", "x"), getattr(maps, name), _attributes(name, error_names)) for name in UNITS
     }
     depth = {"units": "1", "long_name": "optical depth of the line of sight, -ln(1 - emissivity)"}
     variables["optical_depth"] = (("z", "x"), maps.optical_depth, depth)
-    for name, (image, unit, about) in (more or {}).items():
+    for name, (image, unit, about) in (extra_variables or {}).items():
         variables[name] = (("z", "x"), image, {"units": unit, "long_name": about})
-    every = {"Conventions": "CF-1.11", "title": f"cldit: {title}", **(attrs or {})}
-    return xr.Dataset(variables, coords, every)  # type: ignore[no-any-return]
+    attributes = {"Conventions": "CF-1.11", "title": f"cldit: {title}", **(attrs or {})}
+    return xr.Dataset(variables, coords, attributes)  # type: ignore[no-any-return]
 
 
-def _attributes(name: str, beside: Sequence[str]) -> Mapping[str, Any]:
-    """beside: names of further errors, which belong to the temperature or the emissivity."""
-    made: dict[str, Any] = {}
+def _attributes(name: str, error_names: Sequence[str]) -> Mapping[str, Any]:
+    """CF attributes of a map.
+
+    error_names: further errors, which belong to the temperature or the emissivity.
+    """
+    attributes: dict[str, Any] = {}
     if name == "reason":
-        made["flag_values"] = np.array([int(reason) for reason in Reason], np.uint8)
-        made["flag_meanings"] = " ".join(reason.name.lower() for reason in Reason)
+        attributes["flag_values"] = np.array([int(reason) for reason in Reason], np.uint8)
+        attributes["flag_meanings"] = " ".join(reason.name.lower() for reason in Reason)
     else:
-        made["units"] = UNITS[name]
+        attributes["units"] = UNITS[name]
     for value, error in _ERROR_OF.items():
         if name == value:
             of = ("emissivity",) if value == "emissivity" else ("apparent_temp", "simulation")
-            more = [each for each in beside if each.startswith(of)]
-            made["ancillary_variables"] = " ".join([error, "reason", *more])
+            terms = [term for term in error_names if term.startswith(of)]
+            attributes["ancillary_variables"] = " ".join([error, "reason", *terms])
         if name == error:
-            made["long_name"] = f"standard error of the {value.removesuffix('_K')}".replace(
+            attributes["long_name"] = f"standard error of the {value.removesuffix('_K')}".replace(
                 "_", " "
             )
     if name in _LONG:
-        made["long_name"] = _LONG[name]
+        attributes["long_name"] = _LONG[name]
     if name in _STANDARD:
-        made["standard_name"] = _STANDARD[name]
-    return made
+        attributes["standard_name"] = _STANDARD[name]
+    return attributes

@@ -38,60 +38,60 @@ class MeanLight:
         cls,
         scene: Scene,
         runs: Iterable[Run],
-        first: Run,
+        base: Run,
         *,
-        what: str,
+        label: str,
         shares: Sequence[float] | None = None,
     ) -> "MeanLight":
         """Mean of `runs`, which are taken one by one.
 
         Args:
             scene: whose camera and boundary all runs have.
-            first: has the wavelengths that all should have.
-            what: the runs are, for the remark.
+            base: run with the wavelengths that all should have.
+            label: plural noun for the runs, for the remark.
             shares: in proportion to the part of each run; None: equal.
         """
         sharing: list[bool] = []
         rays: list[NDArray[np.float32] | None] = []
 
-        def each() -> Iterator[Weights]:
+        def stacked_weights() -> Iterator[Weights]:
             for run in runs:
-                sharing.append(run.quadrature == first.quadrature)
+                sharing.append(run.quadrature == base.quadrature)
                 rays.append(run.rays)
                 yield _joined(run if sharing[-1] else replace(run, spectral=(run.weights,)))
 
-        mixed = mean(each(), shares)
-        nodes = len(first.spectral) if all(sharing) else 1
+        mixed = mean(stacked_weights(), shares)
+        nodes = len(base.spectral) if all(sharing) else 1
         weights, reference, *spectral = (
             mixed.map(lambda image, n=number: image[n])  # type: ignore[misc]
             for number in range(2 + nodes)
         )
-        quadrature, remark = first.quadrature, ""
+        quadrature, remark = base.quadrature, ""
         if not all(sharing):
             at_K = quadrature.reference_K
             quadrature = Quadrature.grey(quadrature.filter_um, reference_K=at_K)
             remark = (
-                f"{what} have different wavelengths: their mean is exact for a background of "
+                f"{label} have different wavelengths: their mean is exact for a background of "
                 f"{at_K:g} K, and approximate for others"
             )
-        seen = (tuple(spectral), reference)
-        sensor = sensor_of(scene, quadrature, seen)
-        maps = evaluated(scene, quadrature, *seen, sensor)
-        known = [one for one in rays if one is not None]
-        whole = len(known) == len(rays)
-        number = np.asarray(np.mean(known, axis=0), np.float32) if whole else None
+        evaluated_weights = (tuple(spectral), reference)
+        sensor = sensor_of(scene, quadrature, evaluated_weights)
+        maps = evaluated(scene, quadrature, *evaluated_weights, sensor)
+        recorded = [image for image in rays if image is not None]
+        complete = len(recorded) == len(rays)
+        number = np.asarray(np.mean(recorded, axis=0), np.float32) if complete else None
         return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark, number)
 
-    def run(self, scene: Scene, first: Run, folder: Path | None, remark: str) -> Run:
-        """The run of the mean: the `first` of its runs with the mean's images, and a remark."""
+    def run(self, scene: Scene, base: Run, folder: Path | None, remark: str) -> Run:
+        """The run of the mean: its run `base` with the mean's images, and a remark."""
         remarks = (remark, self.remark) if self.remark else (remark,)
         info = replace(
-            first.info,
-            remarks=(*first.info.remarks, *remarks),
+            base.info,
+            remarks=(*base.info.remarks, *remarks),
             integration_time_s=self.sensor.integration_time_s,
         )
         return replace(
-            first,
+            base,
             scene=scene,
             weights=self.weights,
             reference=self.reference,
@@ -108,5 +108,5 @@ def _joined(run: Run) -> Weights:
     """All weights of a run as one, whose images are stacked."""
     parts = (run.weights, run.reference, *run.spectral)
     return Weights.of(
-        {name: np.stack([one.images[name] for one in parts]) for name in run.weights.images}
+        {name: np.stack([part.images[name] for part in parts]) for name in run.weights.images}
     )

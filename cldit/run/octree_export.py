@@ -42,21 +42,21 @@ class CellFields:
     wavelength_um: float
 
     @classmethod
-    def of(cls, made: Rebuilt, quadrature: Quadrature, device: Device) -> "CellFields":
+    def of(cls, medium: Rebuilt, quadrature: Quadrature, device: Device) -> "CellFields":
         """Fields in front of the middle background (`quadrature.reference_K`); raises as
         `source_function`."""
-        node = quadrature.nodes[made.number]
-        bounds = Boundary.of(Surroundings.from_scene(made.scene), node.radiance, node.pane)
+        node = quadrature.nodes[medium.number]
+        bounds = Boundary.of(Surroundings.from_scene(medium.scene), node.radiance, node.pane)
         boundary = {
             "background": float(bounds.leaving(quadrature.reference_K)),
             "wall": bounds.wall,
             **bounds.patches,
         }
-        source = source_function(made.tree, made.scene, device, made.settings, boundary)
-        fields = made.tree.fields
-        leaves = Leaves.of(made.tree, [*fields.values(), source])
+        source = source_function(medium.tree, medium.scene, device, medium.settings, boundary)
+        fields = medium.tree.fields
+        leaves = Leaves.of(medium.tree, [*fields.values(), source])
         at = leaves.address
-        values = {name: part[at] for name, part in _optical(made.tree).items()}
+        values = {name: part[at] for name, part in _optical(medium.tree).items()}
         values["source_function_photons_per_s_m2_sr"] = source[at]
         for phase, name in (("vapour", "vapour"), ("droplet", "droplet")):
             values[f"{name}_temperature_K"] = temperature_K(
@@ -90,11 +90,11 @@ def temperature_K(
     `emission` (N,), photons s-1 m-3 sr-1 (Kirchhoff); NaN without absorption or emission."""
     grid_K = np.geomspace(20.0, 5000.0, 20_000)
     table = np.log(np.maximum(radiance(grid_K), np.finfo(float).tiny))
-    known = (absorption > 0) & (emission > 0)
-    black = np.divide(emission, absorption, out=np.ones(len(emission)), where=known)
+    emitting = (absorption > 0) & (emission > 0)
+    black = np.divide(emission, absorption, out=np.ones(len(emission)), where=emitting)
     # nearly straight: logarithm over 1 / T
     inverse = np.interp(np.log(black), table, -1.0 / grid_K)
-    return np.where(known, -1.0 / inverse, np.nan)
+    return np.where(emitting, -1.0 / inverse, np.nan)
 
 
 def export_octree(
@@ -121,12 +121,12 @@ def export_octree(
     if target is None and run.folder is None:
         raise RunFolderError("the run is not stored; give the file to write")
     path = target or (run.folder or Path()) / "octree.vtu"
-    made = rebuilt(run, device, cache, node=node, say=say)
-    for text in made.remarks:
+    medium = rebuilt(run, device, cache, node=node, say=say)
+    for remark in medium.remarks:
         if say is not None:
-            say(text)
-    fields = CellFields.of(made, run.quadrature, device)
-    blocks = _blocks(made, fields, None if own_frame else case_frame(run.info.spray))
+            say(remark)
+    fields = CellFields.of(medium, run.quadrature, device)
+    blocks = _blocks(medium, fields, None if own_frame else case_frame(run.info.spray))
     make_folder(path.parent)
     written = [path]
     write_xml(path, blocks["octree"])
@@ -145,21 +145,21 @@ def case_frame(notes: dict[str, float]) -> Frame | None:
     return Frame(np.array(nozzle), axis / np.linalg.norm(axis), ())
 
 
-def _blocks(made: Rebuilt, fields: CellFields, frame: Frame | None) -> dict[str, Grid | Points]:
+def _blocks(medium: Rebuilt, fields: CellFields, frame: Frame | None) -> dict[str, Grid | Points]:
     def placed(points_m: Floats) -> Floats:
         return points_m if frame is None else points_m @ frame.rotation + frame.nozzle_m
 
-    cube = made.tree.frame
+    cube = medium.tree.frame
     points, nodes = fields.leaves.nodes(cube.cells)
     about = {
         "wavelength_um": np.array([fields.wavelength_um]),
-        "node": np.array([made.number]),
+        "node": np.array([medium.number]),
     }
     corners_m = np.asarray(cube.lower_m) + points * cube.cell_m
     blocks: dict[str, Grid | Points] = {
         "octree": Grid(placed(corners_m), nodes, HEXAHEDRON, fields.values, about)
     }
-    if made.spray.parcels is not None:
-        own = parcel_points(made.spray.parcels)
-        blocks["parcels"] = Points(placed(own.points_m), own.fields)
+    if medium.spray.parcels is not None:
+        parcels = parcel_points(medium.spray.parcels)
+        blocks["parcels"] = Points(placed(parcels.points_m), parcels.fields)
     return blocks

@@ -27,7 +27,8 @@ from cldit.scene import Scene
 from cldit.spray.result import Spray
 from cldit.transport.trace import TraceSettings
 
-_ALIKE = 1e-5  # of sums in double precision over float32 fields, in another order on other machines
+# Of sums over fields in float32, whose values each machine rounds to 6e-8: 160 roundings.
+_ALIKE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -79,11 +80,11 @@ def rebuilt(
     medium = prepared.grown(stages, None if resolution.cube_m is not None else resolution.depth)
     quadrature = medium.properties.chosen.quadrature
     nodes = SpectralInfo.of(quadrature, (), None).nodes
-    for number_, (kept, made) in enumerate(zip(_nodes(run), nodes, strict=False)):
-        pairs = [{"wavelength_um": um, "share": share} for um, share in (kept, made)]
+    for number_, (stored, remade) in enumerate(zip(_nodes(run), nodes, strict=False)):
+        pairs = [{"wavelength_um": um, "share": share} for um, share in (stored, remade)]
         _check_figures(run, f"node {number_}", pairs[0], pairs[1])
     if len(_nodes(run)) != len(nodes):
-        raise _other(run, "nodes", len(_nodes(run)), len(nodes))
+        raise _not_reproduced(run, "nodes", len(_nodes(run)), len(nodes))
     remarks = tuple(_check_octree(run, medium.integrals, stages))
     settings = node_settings(
         scene,
@@ -113,61 +114,65 @@ def _nodes(run: Run) -> tuple[tuple[float, float], ...]:
     return () if run.info.spectral is None else run.info.spectral.nodes
 
 
-def _node(run: Run, wanted: int | None) -> int:
+def _node(run: Run, node: int | None) -> int:
     nodes = _nodes(run)
     if not nodes:
         raise RunFolderError(f"{_name(run)}: run.json names no wavelengths; run the scene again")
-    if wanted is None:
+    if node is None:
         return max(range(len(nodes)), key=lambda number: nodes[number][1])
-    if not 0 <= wanted < len(nodes):
-        raise RunFolderError(f"{_name(run)}: has no node {wanted}; allowed: 0..{len(nodes) - 1}")
-    return wanted
+    if not 0 <= node < len(nodes):
+        raise RunFolderError(f"{_name(run)}: has no node {node}; allowed: 0..{len(nodes) - 1}")
+    return node
 
 
 def _check_files(run: Run) -> None:
     """Raises RunFolderError if a file of the spray has changed."""
-    for kept in run.info.files:
+    for stored in run.info.files:
         try:
-            now = FileRead.of(Path(kept.path))
+            current = FileRead.of(Path(stored.path))
         except OSError as error:
             raise RunFolderError(
-                f"{_name(run)}: its spray was read from {kept.path}, which is gone "
+                f"{_name(run)}: its spray was read from {stored.path}, which is gone "
                 f"({error.strerror}); restore it, and export again"
             ) from error
-        if now.sha256 != kept.sha256:
+        if current.sha256 != stored.sha256:
             raise RunFolderError(
-                f"{_name(run)}: its spray was read from {kept.path}, which has changed since "
-                f"(sha256 {kept.sha256[:12]}, now {now.sha256[:12]}); restore it, or run the scene "
-                "again"
+                f"{_name(run)}: its spray was read from {stored.path}, which has changed since "
+                f"(sha256 {stored.sha256[:12]}, now {current.sha256[:12]}); restore it, or run the "
+                "scene again"
             )
 
 
 def _check_figures(
-    run: Run, what: str, kept: Mapping[str, float], made: Mapping[str, float]
+    run: Run, quantity: str, stored: Mapping[str, float], remade: Mapping[str, float]
 ) -> None:
-    for name, value in kept.items():
-        found = made.get(name, math.nan)
-        if not math.isclose(found, value, rel_tol=_ALIKE):
-            raise _other(run, f"{what}: {name}", value, found)
+    for name, value in stored.items():
+        remade_value = remade.get(name, math.nan)
+        if not math.isclose(remade_value, value, rel_tol=_ALIKE):
+            raise _not_reproduced(run, f"{quantity}: {name}", value, remade_value)
 
 
-def _other(run: Run, what: str, kept: object, made: object) -> RunFolderError:
+def _not_reproduced(run: Run, quantity: str, stored: object, remade: object) -> RunFolderError:
     return RunFolderError(
-        f"{_name(run)}: cannot be made again as it was ({what}: {kept} in run.json, now {made}): "
-        "it was run by another version of cldit, or from a spray that was given in Python; run "
-        "the scene again, and export that run"
+        f"{_name(run)}: cannot be made again as it was ({quantity}: {stored} in run.json, now "
+        f"{remade}): it was run by another version of cldit, or from a spray that was given in "
+        "Python; run the scene again, and export that run"
     )
 
 
-def _check_octree(run: Run, made: tuple[Mapping[str, float], ...], stages: Stages) -> Iterator[str]:
+def _check_octree(
+    run: Run, integrals: tuple[Mapping[str, float], ...], stages: Stages
+) -> Iterator[str]:
     """Checks the octrees; yields remarks on what could not be checked."""
-    kept, now = (
-        [each.note for each in done if each.name == "octree"]
+    stored, remade = (
+        [stage.note for stage in done if stage.name == "octree"]
         for done in (run.info.stages, stages.done)
     )
-    if kept and kept[-1] != now[-1]:
-        raise _other(run, "octree", kept[-1], now[-1])
+    if stored and stored[-1] != remade[-1]:
+        raise _not_reproduced(run, "octree", stored[-1], remade[-1])
     if not run.info.integrals:
         yield "the run was made before integrals of its medium were kept: they are not checked"
-    for number, (before, after) in enumerate(zip(run.info.integrals, made, strict=False)):
-        _check_figures(run, f"octree of node {number}", before, after)
+    for number, (stored_m2, remade_m2) in enumerate(
+        zip(run.info.integrals, integrals, strict=False)
+    ):
+        _check_figures(run, f"octree of node {number}", stored_m2, remade_m2)

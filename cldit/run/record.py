@@ -17,7 +17,7 @@ from cldit.scene.spray import ConeSpray, LagrangianSpray
 def run_info(problem: Problem, result: Result, from_paper: Difference | None) -> RunInfo:
     """Metadata of a run; `from_paper` is the difference from the paper's optical properties."""
     device, stages, scene, medium = problem.device, problem.stages, problem.scene, result.medium
-    last = result.traces.traces[-1]  # all are compiled alike
+    trace = result.traces.traces[-1]  # all are compiled alike
     errors = None
     if scene.transport.audit:
         model = (*model_spread(scene, from_paper), *result.model)
@@ -33,8 +33,8 @@ def run_info(problem: Problem, result: Result, from_paper: Difference | None) ->
         integrals=medium.integrals,
         phase=medium.properties.phase,
         counts=result.traces.counts,
-        defines={program.name: dict(program.defines) for program in last.programs},
-        precision=last.precision,
+        defines={program.name: dict(program.defines) for program in trace.programs},
+        precision=trace.precision,
         closure=result.traces.closure,
         remarks=tuple(stages.remarks),
         integration_time_s=result.sensor.integration_time_s,
@@ -56,12 +56,12 @@ def origin_of(scene: Scene, files: tuple[FileRead, ...]) -> Origin:
     import; here the .npz itself is the input.
     """
     named = [path for path in named_files(scene) if path.is_file()]
-    own = any(path.suffix == ".npz" for path in named)
-    known = () if own else files
-    before = {one.path for one in known}
-    more = files_read(path for path in named if str(path.resolve()) not in before)
+    from_npz = any(path.suffix == ".npz" for path in named)
+    spray_files = () if from_npz else files
+    listed = {file.path for file in spray_files}
+    other_files = files_read(path for path in named if str(path.resolve()) not in listed)
     return Origin.now(
-        inputs=(*known, *more),
+        inputs=(*spray_files, *other_files),
         scene=scene.model_dump(mode="json"),
         scene_sha256=hashlib.sha256(dump_scene(scene).encode()).hexdigest(),
     )
@@ -74,17 +74,17 @@ def model_spread(scene: Scene, from_paper: Difference | None) -> tuple[Cause, ..
     """
     if isinstance(scene.spray, ConeSpray | LagrangianSpray):
         if isinstance(scene.spray, ConeSpray):
-            how = "a computed spray (spray.model: lagrangian) differs by 12 to 18 K in gdi"
+            basis = "a computed spray (spray.model: lagrangian) differs by 12 to 18 K in gdi"
         elif scene.spray.droplets is None:
-            how = "one jet of gas differs by 5 % from measured ones in its tip (docs/spray.md)"
+            basis = "one jet of gas differs by 5 % from measured ones in its tip (docs/spray.md)"
         else:
-            how = "which spray model: compare with the same scene and spray.model: cone"
-        spray = Cause("spray model", None, how)
+            basis = "which spray model: compare with the same scene and spray.model: cone"
+        spray = Cause("spray model", None, basis)
     else:
         spray = Cause("spray model", None, "the spray is given; its own model says")
     if from_paper is None:
-        how = "which n, k and vapour: optics.preset: spectral compares them with the paper's"
-        return (spray, Cause("optical data", None, how))
+        basis = "which n, k and vapour: optics.preset: spectral compares them with the paper's"
+        return (spray, Cause("optical data", None, basis))
     return (
         spray,
         Cause("optical data", from_paper.rms_K, "RMS against the paper's n, k and vapour"),

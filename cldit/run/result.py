@@ -1,6 +1,7 @@
 """The result of a run, and its metadata."""
 
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
@@ -17,20 +18,30 @@ from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile, profile_of
 from cldit.errors import RunFolderError
+from cldit.io.digests import write_sealed
+from cldit.io.exclusive import is_empty
+from cldit.io.files import make_folder, write_text, written
+from cldit.io.images import write_image
 from cldit.io.origin import FileRead, Origin
 from cldit.io.presented import Presented
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Stage
 from cldit.radiance.weights import Weights
+from cldit.run.ensemble_statistics import STATISTICS, Ensemble
 from cldit.run.labelled import labelled
 from cldit.run.spectral import SpectralInfo
-from cldit.scene import Scene
+from cldit.run.stored_files import (
+    EMISSIVITY_ERRORS,
+    RAYS,
+    SCENE_FILE,
+    save_maps,
+    save_nodes,
+)
+from cldit.scene import Scene, dump_scene
 from cldit.transport.energy_balance import EnergyBalance
 
 if TYPE_CHECKING:
     import xarray
-
-    from cldit.run.ensemble import Ensemble
 
 
 @dataclass(frozen=True)
@@ -71,13 +82,13 @@ class RunInfo:
     def from_dict(cls, data: dict[str, Any]) -> "RunInfo":
         """Reads the plain `data` of `to_dict`; raises ValueError for other types and keys."""
         # 0.1.0 wrote differences of times, some of which are below 0
-        stages = [{**one, "seconds": max(one["seconds"], 0.0)} for one in data["stages"]]
+        stages = [{**stage, "seconds": max(stage["seconds"], 0.0)} for stage in data["stages"]]
         try:
             return _reader().validate_json(json.dumps({**data, "stages": stages}), strict=True)
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"]))
-            raise ValueError(f"{where}: {first['msg']}") from error
+            fault = error.errors()[0]
+            where = ".".join(map(str, fault["loc"]))
+            raise ValueError(f"{where}: {fault['msg']}") from error
 
 
 @cache
@@ -114,7 +125,7 @@ class Run(Presented):
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     emissivity_error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     rays: NDArray[np.float32] | None = None
-    ensemble: "Ensemble | None" = None
+    ensemble: Ensemble | None = None
     measured: Maps | None = None
     folder: Path | None = None
 
@@ -133,12 +144,12 @@ class Run(Presented):
             EvaluationError: the line does not begin in the image.
         """
         x, _, z = self.scene.target_m
-        given = {
+        defaults = {
             "pixel_m": self.pixel_m,
             "centre_m": (x, z),
             "temperature_error_K": self.error_maps.get(TOTAL),
         }
-        return profile_of(self.maps, **{**given, **options})
+        return profile_of(self.maps, **{**defaults, **options})
 
     def save(self, folder: str | Path) -> Path:
         """Writes the run into a folder, with its acquisition if it has one.
@@ -153,9 +164,15 @@ class Run(Presented):
             RunFolderError: the folder is not empty.
             FileError: it cannot be written.
         """
-        from cldit.run.folder import store_run  # which makes runs
-
-        return store_run(self, Path(folder))
+        folder = Path(folder)
+        if not is_empty(folder):
+            raise RunFolderError(f"{folder}: is not empty; allowed: an empty folder, or a new one")
+        make_folder(folder)
+        if self.measured is not None and self.folder is not None:
+            with written(folder):
+                shutil.copytree(self.folder / "acquisition", folder / "acquisition")
+        save_run(self, folder)
+        return folder
 
     @property
     def errors(self) -> Errors | None:
@@ -189,7 +206,7 @@ class Run(Presented):
                 weights=self.weights,
                 error_maps=self.error_maps,
                 emissivity_error_maps=self.emissivity_error_maps,
-                more={} if self.ensemble is None else self.ensemble.labelled,
+                extra_variables={} if self.ensemble is None else self.ensemble.labelled,
                 attrs=attrs,
             )
         if self.measured is None:
@@ -204,3 +221,24 @@ class Run(Presented):
         """Width and height of a traced pixel in the plane of the target."""
         camera = self.scene.camera
         return (camera.field_m[0] / camera.pixels[0], camera.field_m[1] / camera.pixels[1])
+
+
+def save_run(run: Run, folder: Path) -> None:
+    """Writes the run; run.json comes last, with digests of the files that `open_run` reads."""
+    make_folder(folder)
+    write_text(folder / SCENE_FILE, dump_scene(run.scene))
+    run.weights.save(folder / "weights", pixel_m=run.pixel_m)
+    save_nodes(folder / "weights", run.quadrature, run.spectral, pixel_m=run.pixel_m)
+    run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
+    run.maps.save(folder / "maps", pixel_m=run.pixel_m)
+    save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
+    save_maps(run.emissivity_error_maps, folder / EMISSIVITY_ERRORS, pixel_m=run.pixel_m)
+    if run.rays is not None:
+        write_image(folder / RAYS, run.rays, name="rays", unit="1", pixel_m=run.pixel_m)
+    if run.ensemble is not None:
+        run.ensemble.save(folder / STATISTICS, pixel_m=run.pixel_m)
+    places = ("weights", "weights_reference", "maps", "errors", STATISTICS)
+    files = [file for place in places for file in (folder / place).rglob("*")
+             if file.suffix in (".tif", ".json")]  # fmt: skip
+    files += [folder / RAYS] if run.rays is not None else []
+    write_sealed(folder / "run.json", run.info.to_dict(), [folder / SCENE_FILE, *files])

@@ -70,13 +70,13 @@ def run_times(
     themselves contain an empty cloud, the gas is run in any case. `out` contains the folders of
     the times, `run` runs a scene into one, `say` takes lines of text.
     """
-    found: dict[float, SeriesTime] = {}
+    results: dict[float, SeriesTime] = {}
     lacking: dict[float, SprayError] = {}
 
-    def once(time: float, scene: Scene, ending: str = "") -> SeriesTime:
+    def once(time: float, scene: Scene, suffix: str = "") -> SeriesTime:
         try:
             with times_together(tuple(plan.scenes)):
-                return SeriesTime.of(time, run(scene, out / f"{plan.folder(time)}{ending}"))
+                return SeriesTime.of(time, run(scene, out / f"{plan.folder(time)}{suffix}"))
         except Stopped:
             raise
         except NoFuel as error:
@@ -91,22 +91,24 @@ def run_times(
     for number, (time, scene) in enumerate(plan.scenes.items(), start=1):
         say(StageLine(f"{plan.text(time)}, time {number} of {len(plan.scenes)}"))
         try:
-            found[time] = once(time, scene)
+            results[time] = once(time, scene)
         except (EmptyCloud, NotAtThisTime) as error:
             say(f"not as at other times: {error}")
             lacking[time] = error
-    liquid = [time for time, one in found.items() if one.spray.get("liquid_mass_kg", 0.0) > 0.0]
+    liquid = [
+        time for time, result in results.items() if result.spray.get("liquid_mass_kg", 0.0) > 0.0
+    ]
     for time, problem in lacking.items():
         outside = liquid and not min(liquid) < time < max(liquid)
         if isinstance(problem, NotAtThisTime) and not outside:
-            found[time] = SeriesTime(time, "failed", problem=str(problem))
+            results[time] = SeriesTime(time, "failed", problem=str(problem))
             continue
         say(f"{plan.text(time)}: gas alone")
         spray = plan.scenes[time].spray.model_copy(update={"cloud": "none"})
         try:
-            alone = plan.scenes[time].model_copy(update={"spray": spray})
-            found[time] = once(time, alone, _GAS_ALONE)
+            gas_scene = plan.scenes[time].model_copy(update={"spray": spray})
+            results[time] = once(time, gas_scene, _GAS_ALONE)
         except NotAtThisTime as error:
             say(f"no spray at {plan.text(time)}: {error}")
-            found[time] = SeriesTime(time, "no spray", problem=str(error))
-    return tuple(found[time] for time in plan.scenes)
+            results[time] = SeriesTime(time, "no spray", problem=str(error))
+    return tuple(results[time] for time in plan.scenes)

@@ -15,7 +15,7 @@ Times = str | Sequence[float | str]
 
 _ALLOWED = "`all`, times as 0.5ms,1ms, or numbers in order as ::5"
 _TIMES = TypeAdapter(list[CaseTime])
-_UNIT_s = 1.0  # times of a case that reach so far are no seconds, but degrees of crank angle
+_UNIT_s = 1.0  # injections last milliseconds: such times are degrees of crank angle
 
 SERIES_FILE = "series.yaml"
 """The scene of a series, in its folder."""
@@ -42,7 +42,7 @@ class SeriesPlan:
                 `-3:`, a text of times with commas as `0.5ms,1ms`, or a list of times.
             watch: takes the progress of reading a case.
         """
-        wanted = _wanted(times)
+        selection = _selection(times)
         spray = scene.spray
         remarks: tuple[str, ...] = ()
         if isinstance(spray, CfdSpray):
@@ -50,16 +50,16 @@ class SeriesPlan:
             from cldit.cfd.orientation import with_one_frame
             from cldit.cfd.times import choose_time, choose_times, time_remarks
 
-            source, known = str(spray.file), contents(spray).times_s
-            chosen = choose_times(source, known, wanted)
-            spray, remarks = with_one_frame(spray, known, watch=watch)
-            for each in () if isinstance(wanted, str) else wanted:
-                remarks += time_remarks(choose_time(source, known, each), each)
+            source, case_times = str(spray.file), contents(spray).times_s
+            chosen = choose_times(source, case_times, selection)
+            spray, remarks = with_one_frame(spray, case_times, watch=watch)
+            for time in () if isinstance(selection, str) else selection:
+                remarks += time_remarks(choose_time(source, case_times, time), time)
             scene = scene.model_copy(update={"spray": spray})
         else:
-            chosen = _computed(scene, wanted)
-        made = cls({}, remarks, max(map(abs, chosen)) < _UNIT_s)
-        return replace(made, scenes={time: made._at(scene, time) for time in chosen})
+            chosen = _computed(scene, selection)
+        plan = cls({}, remarks, max(map(abs, chosen)) < _UNIT_s)
+        return replace(plan, scenes={time: plan._at(scene, time) for time in chosen})
 
     def _at(self, scene: Scene, time: float) -> Scene:
         """The scene at one time, which is in its name."""
@@ -73,9 +73,9 @@ class SeriesPlan:
     def stamp(self, time: float) -> str:
         """A time as long as all others: `0.50 ms` beside `0.25 ms`."""
         factor = 1e3 if self.in_seconds else 1.0
-        shown = [self.text(each).removesuffix(" ms") for each in self.scenes]
-        digits = max(len(each.partition(".")[2]) for each in shown)
-        texts = {each: f"{factor * each:.{digits}f}" for each in self.scenes}
+        shown = [self.text(scene_time).removesuffix(" ms") for scene_time in self.scenes]
+        digits = max(len(label.partition(".")[2]) for label in shown)
+        texts = {scene_time: f"{factor * scene_time:.{digits}f}" for scene_time in self.scenes}
         unit = " ms" if self.in_seconds else ""
         return texts[time].rjust(max(map(len, texts.values()))) + unit
 
@@ -84,34 +84,34 @@ class SeriesPlan:
         return f"time_{self.text(time).replace(' ', '')}"
 
 
-def _wanted(times: Times) -> str | list[float | str]:
+def _selection(times: Times) -> str | list[float | str]:
     """A list of times for `choose_time`, or `all` or a slice."""
     if isinstance(times, str):
-        text = times.strip()
-        if text == "all" or ":" in text:
-            return text
-        times = [part.strip() for part in text.split(",") if part.strip()]
+        expression = times.strip()
+        if expression == "all" or ":" in expression:
+            return expression
+        times = [part.strip() for part in expression.split(",") if part.strip()]
     if not times:
         raise SceneError(f"times: none is named; {_ALLOWED}")
     try:
         return _TIMES.validate_python(list(times))
     except ValidationError as error:
-        text = error.errors()[0]["msg"].removeprefix("Value error, ")
-        raise SceneError(f"times: {text}; or {_ALLOWED}") from error
+        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise SceneError(f"times: {message}; or {_ALLOWED}") from error
 
 
-def _computed(scene: Scene, wanted: str | list[float | str]) -> tuple[float, ...]:
+def _computed(scene: Scene, selection: str | list[float | str]) -> tuple[float, ...]:
     """Times of a spray model."""
     model = scene.spray.model
     if "time_s" not in type(scene.spray).model_fields:
         raise SceneError(
             f"times: spray.model {model} has one time only; allowed: cone, lagrangian and cfd"
         )
-    if wanted == "all" and scene.plan.delays_s:
+    if selection == "all" and scene.plan.delays_s:
         return tuple(sorted(set(scene.plan.delays_s)))
-    if isinstance(wanted, str) or not all(isinstance(each, float | int) for each in wanted):
+    if isinstance(selection, str) or not all(isinstance(time, float | int) for time in selection):
         raise SceneError(
-            f"times {wanted!r}: spray.model {model} computes any time, so each must be named, as "
-            "0.5ms,1ms; `all` are those of plan.delays_s"
+            f"times {selection!r}: spray.model {model} computes any time, so each must be named, "
+            "as 0.5ms,1ms; `all` are those of plan.delays_s"
         )
-    return tuple(sorted({float(each) for each in wanted}))
+    return tuple(sorted({float(time) for time in selection}))

@@ -28,9 +28,9 @@ from cldit.radiance.point_spread import blur_of
 from cldit.run.content import trace_content
 from cldit.run.ensemble import UNSTATED, ensemble_run
 from cldit.run.exposure import exposed, exposed_run
-from cldit.run.folder import save_run, stored_run
+from cldit.run.folder import stored_run
 from cldit.run.record import run_info
-from cldit.run.result import Run
+from cldit.run.result import Run, save_run
 from cldit.run.spectral import Difference
 from cldit.run.trusted import open_device
 from cldit.scene import Scene
@@ -145,10 +145,10 @@ def _against_paper(problem: Problem, result: Result) -> Difference | None:
         phase = result.medium.properties.paper_phase
         grey = settings_for(scene, phase, tolerance_K=result.resolution.ordinates_K)
         rays = result.traces.rays
-        other = blur_of(scene)(trace(paper, scene, problem.device, grey, rays=rays).weights)
+        paper_weights = blur_of(scene)(trace(paper, scene, problem.device, grey, rays=rays).weights)
         chosen = result.quadrature
-        one = Quadrature.grey(chosen.filter_um, reference_K=chosen.reference_K)
-        maps = evaluated(scene, one, (other,), result.reference, result.sensor)
+        single_node = Quadrature.grey(chosen.filter_um, reference_K=chosen.reference_K)
+        maps = evaluated(scene, single_node, (paper_weights,), result.reference, result.sensor)
         return Difference.of(result.maps, maps)
 
 

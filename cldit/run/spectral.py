@@ -20,20 +20,20 @@ class Difference:
     pixels: int
 
     @classmethod
-    def of(cls, maps: Maps, other: Maps) -> "Difference | None":
-        """`maps` minus `other`; None where no pixel has a temperature in both."""
-        here = maps.has_temperature & other.has_temperature
-        if not here.any():
+    def of(cls, maps: Maps, baseline: Maps) -> "Difference | None":
+        """`maps` minus `baseline`; None where no pixel has a temperature in both."""
+        valid = maps.has_temperature & baseline.has_temperature
+        if not valid.any():
             return None
         difference_K, emissivity = (
-            getattr(maps, name)[here].astype(float) - getattr(other, name)[here]
+            getattr(maps, name)[valid].astype(float) - getattr(baseline, name)[valid]
             for name in ("apparent_temperature_K", "emissivity")
         )
         return cls(
             rms_K=float(np.sqrt(np.mean(difference_K**2))),
             mean_K=float(np.mean(difference_K)),
             mean_emissivity=float(np.mean(emissivity)),
-            pixels=int(here.sum()),
+            pixels=int(valid.sum()),
         )
 
 

@@ -33,20 +33,22 @@ def open_device(wanted: str | None = None) -> Device:
             process is a fork of one that had used OpenCL.
     """
     device = devices.open_device(wanted, failed_devices())
-    for one in (device, *device.others):
-        check = stored_check(one.info)
-        if check is None and not tested(one.info):
+    for opened in (device, *device.others):
+        check = stored_check(opened.info)
+        if check is None and not tested(opened.info):
             from cldit.run.device_check import check_device  # and with it all models of sprays
 
-            _LOG.warning("%s: is checked before its first use, for a minute or two", one.info.name)
-            check = check_device(one)
-            store_check(one.info, check)
+            _LOG.warning(
+                "%s: is checked before its first use, for a minute or two", opened.info.name
+            )
+            check = check_device(opened)
+            store_check(opened.info, check)
         if check is not None and check.faults:
             device.close()
-            if wanted is None and stored_check(one.info) is not None:
+            if wanted is None and stored_check(opened.info) is not None:
                 return open_device()  # another device, or the error that none is left
             raise DeviceError(
-                f"device {one.info.index} ({one.info.name}): its results are wrong: "
+                f"device {opened.info.index} ({opened.info.name}): its results are wrong: "
                 f"{check.faults[0]}; install another version of its driver, which is then checked "
                 "(`cldit devices --check` lists all faults), or another device (`cldit devices`)"
             )

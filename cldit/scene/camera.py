@@ -81,8 +81,8 @@ class Lens(Section):
     def _stated(self) -> "Lens":
         if (self.point_spread is None) != (self.point_spread_pixel_m is None):
             names = "point_spread", "point_spread_pixel_m"
-            missing, given = names if self.point_spread is None else names[::-1]
-            raise ValueError(f"{missing}: missing with {given}; allowed: both or none")
+            missing, present = names if self.point_spread is None else names[::-1]
+            raise ValueError(f"{missing}: missing with {present}; allowed: both or none")
         return self
 
 
@@ -170,8 +170,8 @@ class Camera(Section):
     def focal_length_m(self) -> float:
         """Focal length of the lens, by default that which images the field onto the sensor."""
         sensor_m = self.distance_m * self.sensor.pitch_m / self.pixel_m  # behind the lens
-        given = self.lens and self.lens.focal_length_m
-        return given or 1.0 / (1.0 / self.focus_m + 1.0 / sensor_m)
+        stated_m = self.lens and self.lens.focal_length_m
+        return stated_m or 1.0 / (1.0 / self.focus_m + 1.0 / sensor_m)
 
     @property
     def aperture_m(self) -> float:

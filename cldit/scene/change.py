@@ -4,25 +4,22 @@ import copy
 import re
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cldit.errors import SceneError
 from cldit.io.plain_data import parse_yaml
 
-if TYPE_CHECKING:
-    from cldit.scene.schema import Scene
-
 _PART = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[-?[0-9]+\])*)")
 
 
-def parse_change(text: str) -> tuple[str, Any]:
+def parse_change(assignment: str) -> tuple[str, Any]:
     """Path and value of a command-line change such as `camera.pixels=[200, 200]`."""
-    path, sign, value = text.partition("=")
+    path, sign, value = assignment.partition("=")
     if not sign or not path.strip():
         raise SceneError(
-            f"{text}: is no change; allowed: KEY=VALUE, such as walls.temperature_K=500"
+            f"{assignment}: is no change; allowed: KEY=VALUE, such as walls.temperature_K=500"
         )
-    return path.strip(), parse_yaml(value, source=text)
+    return path.strip(), parse_yaml(value, source=assignment)
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -33,26 +30,15 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     data: as read from YAML. changes: value of each path; names are joined with dots, `[i]` counts
     in lists from 0.
     """
-    made = copy.deepcopy(dict(data))
+    result = copy.deepcopy(dict(data))
     for path, value in changes.items():
         steps = _steps(path)
-        here: Any = made
+        section: Any = result
         for step, following in pairwise(steps):
-            here = _entered(here, step, path, make=isinstance(following, str))
-        _check(here, steps[-1], path)
-        here[steps[-1]] = value
-    return made
-
-
-def value_at(scene: "Scene", key: str) -> Any:
-    """Value of a scene at a path such as `spray.plumes[2].mass_fraction`."""
-    here: Any = scene.model_dump(mode="json")
-    for part in key.replace("[", ".").replace("]", "").split("."):
-        try:
-            here = here[int(part)] if isinstance(here, list) else here[part]
-        except (KeyError, ValueError, IndexError, TypeError) as error:
-            raise SceneError(f"{key}: the scene has no such key") from error
-    return here
+            section = _entered(section, step, path, make=isinstance(following, str))
+        _check(section, steps[-1], path)
+        section[steps[-1]] = value
+    return result
 
 
 def _steps(path: str) -> list[str | int]:
@@ -68,25 +54,27 @@ def _steps(path: str) -> list[str | int]:
     return steps
 
 
-def _entered(here: Any, step: str | int, path: str, *, make: bool) -> Any:
-    _check(here, step, path)
-    if isinstance(step, str) and here.get(step) is None and make:
-        here[step] = {}
-    found = here.get(step) if isinstance(step, str) else here[step]
-    if isinstance(found, tuple):
-        found = here[step] = list(found)
-    return found
+def _entered(container: Any, step: str | int, path: str, *, make: bool) -> Any:
+    _check(container, step, path)
+    if isinstance(step, str) and container.get(step) is None and make:
+        container[step] = {}
+    item = container.get(step) if isinstance(step, str) else container[step]
+    if isinstance(item, tuple):
+        item = container[step] = list(item)
+    return item
 
 
-def _check(here: Any, step: str | int, path: str) -> None:
+def _check(container: Any, step: str | int, path: str) -> None:
     if isinstance(step, str):
-        if not isinstance(here, dict):
-            raise SceneError(f"{path}: no {step} in {here!r}, which has no keys")
+        if not isinstance(container, dict):
+            raise SceneError(f"{path}: no {step} in {container!r}, which has no keys")
         return
-    if not isinstance(here, list):
-        raise SceneError(f"{path}: no item [{step}] in {here!r}, which is no list")
-    if not -len(here) <= step < len(here):
-        raise SceneError(f"{path}: item [{step}] of {len(here)}; allowed: 0..{len(here) - 1}")
+    if not isinstance(container, list):
+        raise SceneError(f"{path}: no item [{step}] in {container!r}, which is no list")
+    if not -len(container) <= step < len(container):
+        raise SceneError(
+            f"{path}: item [{step}] of {len(container)}; allowed: 0..{len(container) - 1}"
+        )
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -94,12 +82,12 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
     A section with another `model` replaces the whole section, as its keys differ.
     """
-    made = copy.deepcopy(dict(base))
+    result = copy.deepcopy(dict(base))
     for key, value in over.items():
-        before = made.get(key)
-        if isinstance(value, Mapping) and isinstance(before, dict):
-            other = "model" in value and value["model"] != before.get("model")
-            made[key] = dict(value) if other else merged(before, value)
+        base_value = result.get(key)
+        if isinstance(value, Mapping) and isinstance(base_value, dict):
+            other_model = "model" in value and value["model"] != base_value.get("model")
+            result[key] = dict(value) if other_model else merged(base_value, value)
         else:
-            made[key] = copy.deepcopy(value)
-    return made
+            result[key] = copy.deepcopy(value)
+    return result

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import (
     AfterValidator,
@@ -20,8 +20,11 @@ from cldit.errors import SceneError
 class Section(BaseModel):
     """Base of every section of a scene, rig or plan file: frozen, with unknown keys refused.
 
-    The string below a key is its description in the reference and in editors.
+    The string below a key is its description in the reference and in editors. scene_type: the type
+    that contains all sections of a scene, which `cldit.scene.schema` sets.
     """
+
+    scene_type: ClassVar[type[BaseModel] | None] = None
 
     model_config = ConfigDict(
         frozen=True,
@@ -34,17 +37,15 @@ class Section(BaseModel):
     def __setattr__(self, name: str, value: Any) -> None:
         raise SceneError(
             f"{name}: {type(self).__name__} does not change; make another: "
-            + (self._other(name, value) or f'model_copy(update={{"{name}": {value!r}}})')
+            + (self._replacement(name, value) or f'model_copy(update={{"{name}": {value!r}}})')
         )
 
     def __delattr__(self, name: str) -> None:
         raise SceneError(f"{name}: {type(self).__name__} does not change")
 
-    def _other(self, name: str, value: Any) -> str:
+    def _replacement(self, name: str, value: Any) -> str:
         """Expression of another scene with this value; empty if this is no part of a scene."""
-        from cldit.scene.schema import Scene  # which is made of sections
-
-        path = _path_of(type(self), Scene)
+        path = None if self.scene_type is None else _path_of(type(self), self.scene_type)
         key = name if path == "" else f"{path}.{name}"
         return "" if path is None else f'scene.with_(**{{"{key}": {value!r}}})'
 
@@ -57,18 +58,18 @@ class Section(BaseModel):
 
     def __dir__(self) -> list[str]:
         """Keys and cldit's own methods, without those of pydantic."""
-        own = {name for kind in type(self).__mro__ for name in vars(kind)
+        methods = {name for kind in type(self).__mro__ for name in vars(kind)
                if issubclass(kind, Section) and not name.startswith(("_", "model_"))}  # fmt: skip
-        return sorted(own | set(type(self).model_fields))
+        return sorted(methods | set(type(self).model_fields))
 
 
 def _number(value: float) -> str:
     return f"{value:g}" if isinstance(value, float) else shortened(str(value))
 
 
-def shortened(text: str) -> str:
+def shortened(value: str) -> str:
     """A value for a message, cut to 80 characters."""
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    return value if len(value) <= 80 else f"{value[:77]}..."
 
 
 @dataclass(frozen=True)
@@ -104,22 +105,22 @@ class Within:
         return inner(value)
 
 
-def length(low: int, high: int, what: str) -> AfterValidator:
+def length(low: int, high: int, items: str) -> AfterValidator:
     """Bounds of a list's length; another is refused with `0 plumes; allowed: 1..64`."""
 
     def check(values: tuple[Any, ...]) -> tuple[Any, ...]:
         if not low <= len(values) <= high:
-            raise ValueError(f"{len(values)} {what}; allowed: {low}..{high}")
+            raise ValueError(f"{len(values)} {items}; allowed: {low}..{high}")
         return values
 
     return AfterValidator(check)
 
 
-def _path_of(section: type[BaseModel], here: type[BaseModel]) -> str | None:
+def _path_of(section: type[BaseModel], container: type[BaseModel]) -> str | None:
     """Path of a kind of section in another, as users write it; None if it is not in it."""
-    if section is here:
+    if section is container:
         return ""
-    for name, field in here.model_fields.items():
+    for name, field in container.model_fields.items():
         for inner in _sections(field.annotation):
             path = _path_of(section, inner)
             if path is not None:
@@ -135,10 +136,10 @@ def _walk(model: type[BaseModel], error: ErrorDetails) -> tuple[str, list[type[B
     in a list of sections. The names that pydantic inserts for members of a union are removed.
     """
     parts: list[str] = []
-    here: Any = model
+    annotation: Any = model
     loc = [part for part in error["loc"] if not (isinstance(part, str) and "[" in part)]
     for index, part in enumerate(loc):
-        sections = _sections(here)
+        sections = _sections(annotation)
         if isinstance(part, int):
             if index < len(loc) - 1:
                 parts[-1] += f"[{part}]"
@@ -147,12 +148,12 @@ def _walk(model: type[BaseModel], error: ErrorDetails) -> tuple[str, list[type[B
         member = [s for s in sections if part in (s.__name__, _tag(s))]
         last_key = index == len(loc) - 1 and error["type"] == "extra_forbidden"
         if field is None and member and not last_key:
-            here = member[0]
+            annotation = member[0]
             continue
         parts.append(part)
         if not last_key and field is not None:
-            here = field.annotation
-    return ".".join(parts), _sections(here)
+            annotation = field.annotation
+    return ".".join(parts), _sections(annotation)
 
 
 def _tag(section: type[BaseModel]) -> str | None:
@@ -163,10 +164,10 @@ def _tag(section: type[BaseModel]) -> str | None:
 def _sections(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    found: list[type[BaseModel]] = []
+    sections: list[type[BaseModel]] = []
     for argument in getattr(annotation, "__args__", ()):
-        found += _sections(argument)
-    return found
+        sections += _sections(argument)
+    return sections
 
 
 _MOST_LINES = 50  # of a message: the suggestions for thousands of keys would take minutes
@@ -218,23 +219,25 @@ def _nearest(path: str, keys: Sequence[str], model: type[BaseModel]) -> str:
     close = difflib.get_close_matches(name, keys, n=1)
     if close:
         return f"; did you mean {close[0]}?"
-    elsewhere = [one for one in key_paths(model) if one != path] if len(name) > 2 else []
-    meant = [one for one in elsewhere if one.rpartition(".")[2] == name]
+    elsewhere = (
+        [key_path for key_path in key_paths(model) if key_path != path] if len(name) > 2 else []
+    )
+    meant = [key_path for key_path in elsewhere if key_path.rpartition(".")[2] == name]
     if not meant:
-        ends = {one.rpartition(".")[2] for one in elsewhere}
+        ends = {key_path.rpartition(".")[2] for key_path in elsewhere}
         for end in difflib.get_close_matches(name, sorted(ends), n=1, cutoff=0.75):
-            meant = [one for one in elsewhere if one.rpartition(".")[2] == end]
+            meant = [key_path for key_path in elsewhere if key_path.rpartition(".")[2] == end]
     return f"; did you mean {' or '.join(meant[:3])}?" if meant else ""
 
 
 def key_paths(model: type[BaseModel]) -> list[str]:
     """Paths of all keys below a section, in every member of a union and in the items of lists."""
-    found: list[str] = []
+    paths: list[str] = []
     for name, field in model.model_fields.items():
-        found.append(name)
+        paths.append(name)
         for section in _sections(field.annotation):
-            found += [f"{name}.{path}" for path in key_paths(section)]
-    return list(dict.fromkeys(found))
+            paths += [f"{name}.{path}" for path in key_paths(section)]
+    return list(dict.fromkeys(paths))
 
 
 def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
@@ -244,21 +247,23 @@ def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
         path, sections = _walk(model, error)
         if error["type"] == "extra_forbidden":
             keys = list(dict.fromkeys(key for s in sections for key in s.model_fields))
-            text = f"unknown key{_nearest(path, keys, model)}; allowed: {', '.join(keys)}"
+            message = f"unknown key{_nearest(path, keys, model)}; allowed: {', '.join(keys)}"
         elif error["type"] == "missing":
-            text = "a value is missing" if isinstance(error["loc"][-1], int) else "is missing"
+            message = "a value is missing" if isinstance(error["loc"][-1], int) else "is missing"
         elif error["type"] in ("union_tag_invalid", "union_tag_not_found"):
             kinds = ", ".join(tag for tag in map(_tag, sections) if tag is not None)
             path += ".model"
-            given = error.get("ctx", {}).get("tag")
-            text = "is missing" if given is None else f"{given} is unknown"
-            text += f"; allowed: {kinds}"
+            unknown_tag = error.get("ctx", {}).get("tag")
+            message = "is missing" if unknown_tag is None else f"{unknown_tag} is unknown"
+            message += f"; allowed: {kinds}"
         elif error["type"] in ("outside", "not_a_number", "not_allowed"):
-            text = error["msg"]
+            message = error["msg"]
         elif error["type"] == "value_error":
-            text = error["msg"].removeprefix("Value error, ")
+            message = error["msg"].removeprefix("Value error, ")
         else:
-            text = _words(error, sections)
-        lines.append(f"{shortened(path)}: {text}" if path else text)
-    left = len(errors) - _MOST_LINES
-    return "\n".join([*dict.fromkeys(lines), *([f"and {left} errors more"] if left > 0 else [])])
+            message = _words(error, sections)
+        lines.append(f"{shortened(path)}: {message}" if path else message)
+    remaining = len(errors) - _MOST_LINES
+    return "\n".join(
+        [*dict.fromkeys(lines), *([f"and {remaining} errors more"] if remaining > 0 else [])]
+    )

@@ -40,8 +40,8 @@ def _section(section: BaseModel, *, indent: str, comment: bool) -> list[str]:
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             lines.append(f"{start}{name}:{about}")
             for item in value:
-                text = yaml_line(item.model_dump(mode="json", exclude_unset=True))
-                lines.append(f"{start}{_STEP}- {text}")
+                line = yaml_line(item.model_dump(mode="json", exclude_unset=True))
+                lines.append(f"{start}{_STEP}- {line}")
         else:
             lines.append(f"{start}{_entry(name, plain[name])}{about}")
     return lines

@@ -31,8 +31,8 @@ WAVELENGTH = Axis("wavelength", "um", SHORTEST_UM, LONGEST_UM)
 FREQUENCY = Axis("frequency", "1/mm", 0.0, 1e5)
 
 
-def check_curve(pairs: Any, *, what: str, over: Axis = WAVELENGTH) -> Curve:
-    """The `pairs` in rising order of wavelength or frequency; errors name `what`."""
+def check_curve(pairs: Any, *, source: str, over: Axis = WAVELENGTH) -> Curve:
+    """The `pairs` in rising order of wavelength or frequency; errors name the `source`."""
     try:
         pairs = list(pairs)
         if any(isinstance(number, bool) for pair in pairs for number in pair):
@@ -40,31 +40,31 @@ def check_curve(pairs: Any, *, what: str, over: Axis = WAVELENGTH) -> Curve:
         curve = [(float(wavelength), float(value)) for wavelength, value in pairs]
     except (TypeError, ValueError, OverflowError) as error:
         raise SceneError(
-            f"{what}: expected pairs of {over.name} ({over.unit}) and value (0..1), found {error}"
+            f"{source}: expected pairs of {over.name} ({over.unit}) and value (0..1), found {error}"
         ) from error
     if len(curve) < 2:
-        raise SceneError(f"{what}: {len(curve)} pairs are no curve; allowed: two or more")
+        raise SceneError(f"{source}: {len(curve)} pairs are no curve; allowed: two or more")
     for wavelength, value in curve:
         if not (math.isfinite(wavelength) and math.isfinite(value)):
-            raise SceneError(f"{what}: ({wavelength:g}, {value:g}) is not finite")
+            raise SceneError(f"{source}: ({wavelength:g}, {value:g}) is not finite")
         if not over.low <= wavelength <= over.high:
             nanometres = over is WAVELENGTH and wavelength > 100
             hint = ", which looks like nanometres; give micrometres" if nanometres else ""
             raise SceneError(
-                f"{what}: {over.name} {wavelength:g} is outside {over.low:g}..{over.high:g} "
+                f"{source}: {over.name} {wavelength:g} is outside {over.low:g}..{over.high:g} "
                 f"{over.unit}{hint}"
             )
         if not 0.0 <= value <= 1.0:
             hint = "; give shares, not percent" if 1.0 < value <= 100.0 else ""
             raise SceneError(
-                f"{what}: value {value:g} at {wavelength:g} {over.unit} is outside 0..1{hint}"
+                f"{source}: value {value:g} at {wavelength:g} {over.unit} is outside 0..1{hint}"
             )
     curve.sort(key=lambda pair: pair[0])
-    for (before, _), (after, _) in pairwise(curve):
-        if after <= before:
-            raise SceneError(f"{what}: {after:g} {over.unit} is given twice")
+    for (lower, _), (upper, _) in pairwise(curve):
+        if upper <= lower:
+            raise SceneError(f"{source}: {upper:g} {over.unit} is given twice")
     if max(value for _, value in curve) == 0.0:
-        raise SceneError(f"{what}: is empty, all values are 0; allowed: at least one above 0")
+        raise SceneError(f"{source}: is empty, all values are 0; allowed: at least one above 0")
     return tuple(curve)
 
 
@@ -86,4 +86,4 @@ def read_curve(path: Path, over: Axis = WAVELENGTH) -> Curve:
         raise SceneError(
             f"{path}: {width} columns; allowed: two, {over.name} ({over.unit}) and value"
         )
-    return check_curve(rows, what=str(path), over=over)
+    return check_curve(rows, source=str(path), over=over)

@@ -7,9 +7,9 @@ SAME_s = 1e-6
 """Delays that differ by less are equal."""
 
 
-def same_time(one_s: float | None, other_s: float | None) -> bool:
+def same_time(time_s: float | None, delay_s: float | None) -> bool:
     """True if both times are known and equal."""
-    return one_s is not None and other_s is not None and abs(one_s - other_s) < SAME_s
+    return time_s is not None and delay_s is not None and abs(time_s - delay_s) < SAME_s
 
 
 def delay_text(delay_s: float) -> str:
@@ -39,6 +39,6 @@ def scene_at(scene: Scene, delay_s: float) -> Scene:
     return scene.model_copy(update={"spray": spray})
 
 
-def alone(scene: Scene) -> Scene:
+def without_delays(scene: Scene) -> Scene:
     """The scene without the plan's delays."""
     return scene.model_copy(update={"plan": scene.plan.model_copy(update={"delays_s": ()})})

@@ -1,4 +1,4 @@
-"""Keys of scenes whose values differ."""
+"""Values of scenes by their keys, and keys whose values differ."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cldit.errors import SceneError
 from cldit.scene import Scene
 
 
@@ -14,22 +15,24 @@ class KeyDifference:
     """A key of the scene and its two values; None if a scene does not have the key."""
 
     key: str
-    one: Any
-    other: Any
+    baseline: Any
+    compared: Any
 
     @property
     def text(self) -> str:
         """`walls.temperature_K: 450 and 500`."""
-        return f"{self.key}: {_value(self.one)} and {_value(self.other)}"
+        return f"{self.key}: {_value(self.baseline)} and {_value(self.compared)}"
 
 
-def key_differences(one: Scene, other: Scene) -> tuple[KeyDifference, ...]:
+def key_differences(baseline: Scene, compared: Scene) -> tuple[KeyDifference, ...]:
     """Keys whose values differ between two scenes, in the order of the scene file."""
-    first, second = (dict(_leaves(each.model_dump(mode="json"))) for each in (one, other))
+    baseline_values, compared_values = (
+        dict(_leaves(scene.model_dump(mode="json"))) for scene in (baseline, compared)
+    )
     return tuple(
-        KeyDifference(key, first.get(key), second.get(key))
-        for key in dict.fromkeys((*first, *second))
-        if first.get(key) != second.get(key)
+        KeyDifference(key, baseline_values.get(key), compared_values.get(key))
+        for key in dict.fromkeys((*baseline_values, *compared_values))
+        if baseline_values.get(key) != compared_values.get(key)
     )
 
 
@@ -48,5 +51,16 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 def _value(value: Any) -> str:
     if value is None:
         return "nothing"
-    text = f"{value:g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    string = f"{value:g}" if isinstance(value, float) else str(value)
+    return string if len(string) <= 60 else f"{string[:57]}..."
+
+
+def value_at(scene: Scene, key: str) -> Any:
+    """Value of a scene at a path such as `spray.plumes[2].mass_fraction`."""
+    here: Any = scene.model_dump(mode="json")
+    for part in key.replace("[", ".").replace("]", "").split("."):
+        try:
+            here = here[int(part)] if isinstance(here, list) else here[part]
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise SceneError(f"{key}: the scene has no such key") from error
+    return here

@@ -14,18 +14,18 @@ from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
 _FORMER = {"gdi-flow": "gdi"}  # names of shipped scenes in older versions
-_QUICK_PIXELS = 128  # along the longer side
-_QUICK_K = 4.0
+_QUICK_PIXELS = 128  # of a preview, along the longer side
+_QUICK_K = 4.0  # tolerance of T_app of a preview, four times the default
 
 
 def shipped_scenes() -> dict[str, str]:
     """Names and descriptions of the scenes that are shipped with cldit."""
-    found: dict[str, str] = {}
+    descriptions: dict[str, str] = {}
     for entry in sorted(resources.files(_LIBRARY).iterdir(), key=lambda item: item.name):
         if entry.name.endswith(".yaml"):
             data = parse_yaml(entry.read_text(encoding="utf-8"), source=entry.name)
-            found[entry.name.removesuffix(".yaml")] = str(data.get("description", ""))
-    return found
+            descriptions[entry.name.removesuffix(".yaml")] = str(data.get("description", ""))
+    return descriptions
 
 
 def short_changes(
@@ -40,16 +40,16 @@ def short_changes(
     `quick` keeps what is given, and the proportions of the image of a `scene`. `accuracy` is that
     of T_app in K and of emissivity, None: chosen by the other.
     """
-    made: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     if quick:
         shape = (1, 1) if scene is None else scene.camera.pixels
-        few = [max(1, round(_QUICK_PIXELS * side / max(shape))) for side in shape]
-        made, accuracy = {"camera.pixels": few}, accuracy or (_QUICK_K, None)
+        quick_pixels = [max(1, round(_QUICK_PIXELS * side / max(shape))) for side in shape]
+        changes, accuracy = {"camera.pixels": quick_pixels}, accuracy or (_QUICK_K, None)
     if pixels is not None:
-        made["camera.pixels"] = pixels if isinstance(pixels, int) else list(pixels)
+        changes["camera.pixels"] = pixels if isinstance(pixels, int) else list(pixels)
     if accuracy is not None:
-        made["transport.accuracy_K"], made["transport.accuracy_emissivity"] = accuracy
-    return made
+        changes["transport.accuracy_K"], changes["transport.accuracy_emissivity"] = accuracy
+    return changes
 
 
 def chosen_scene(
@@ -62,9 +62,9 @@ def chosen_scene(
 
     Raises SceneError as `load_scene`.
     """
-    found = scene if isinstance(scene, Scene) else load_scene(scene)
-    changes = short_changes(found, quick=quick, pixels=pixels)
-    return found.with_(**changes) if changes else found
+    chosen = scene if isinstance(scene, Scene) else load_scene(scene)
+    changes = short_changes(chosen, quick=quick, pixels=pixels)
+    return chosen.with_(**changes) if changes else chosen
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -91,13 +91,14 @@ def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
             data = _on_base(data, path, above)
         return parse_scene(data, source=str(path), folder=path.parent)
     name = shortened(str(name_or_path))
-    known = shipped_scenes()
+    shipped = shipped_scenes()
     name = _FORMER.get(name, name)
-    if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
+    if name not in shipped:
+        close = difflib.get_close_matches(name, shipped, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise SceneError(
-            f"{name}: no such scene{hint}; allowed: {', '.join(known)}, or the path of a .yaml file"
+            f"{name}: no such scene{hint}; allowed: {', '.join(shipped)}, or the path of a "
+            ".yaml file"
         )
     text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     data = parse_yaml(text, source=name)
@@ -121,13 +122,13 @@ def _on_base(data: dict[str, Any], path: Path, above: tuple[Path, ...]) -> dict[
         raise SceneError(
             f"{path}: base: {base!r} is no scene; allowed: a shipped name or a .yaml file's path"
         )
-    here = path.resolve()
-    if here in above:
-        chain = " -> ".join(str(one) for one in (*above, here))
+    resolved = path.resolve()
+    if resolved in above:
+        chain = " -> ".join(str(file) for file in (*above, resolved))
         raise SceneError(f"{path}: base: leads back to itself ({chain})")
     beside = path.parent / base
     named = beside if _is_file(beside) else base
-    return _over(_loaded(named, (*above, here)), data, path.stem)
+    return _over(_loaded(named, (*above, resolved)), data, path.stem)
 
 
 def _over(base: Scene, data: dict[str, Any], name: str) -> dict[str, Any]:

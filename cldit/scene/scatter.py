@@ -1,85 +1,32 @@
-"""Differences between injections, and the scene of each injection."""
+"""The scene of each of several injections, whose differences `spray.scatter` has."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator
 
 from cldit.errors import SceneError
-from cldit.scene.checks import Section, Within
-
-if TYPE_CHECKING:
-    from cldit.scene.schema import Scene
+from cldit.scene.schema import Scene
+from cldit.scene.spray import Scatter
 
 
-class Scatter(Section):
-    """Differences between injections, as standard deviations, and the number of injections.
-
-    Models other than cone and lagrangian take `optical_depth` and `length_m` alone.
-    """
-
-    optical_depth: Annotated[float, Within(0.0, 1.0)] = 0.03
-    """Relative scatter of the optical depth that the simulated rig adds to every injection."""
-    length_m: Annotated[float, Within(1e-5, 1.0)] = 4e-3
-    """Correlation length of that scatter in the image."""
-    members: Annotated[int, Within(1, 1000)] = 1
-    """Number of simulated injections; the image is their mean. 1: the nominal one."""
-    start_s: Annotated[float, Within(0.0, 0.01)] = 0.0
-    """Start of injection."""
-    duration_s: Annotated[float, Within(0.0, 0.1)] = 0.0
-    """Duration of injection; the mass stays."""
-    mass: Annotated[float, Within(0.0, 0.5)] = 0.0
-    """Injected mass, relative."""
-    direction_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
-    """Direction of each plume, in either of two planes."""
-    cone_angle_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
-    """Cone angle of each plume."""
-    fuel_temperature_K: Annotated[float, Within(0.0, 100.0)] = 0.0
-    """Fuel temperature."""
-    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    """Random seed of the injections."""
-
-    @property
-    def traced(self) -> dict[str, float]:
-        """The deviations that make other sprays, without those that are 0."""
-        names = [name for name in type(self).model_fields if name not in UNTRACED]
-        return {name: value for name in names if (value := getattr(self, name)) > 0.0}
-
-
-UNTRACED = ("optical_depth", "length_m", "members", "seed")
-
-
-def _optical(scatter: Scatter) -> Scatter:
-    """Refuses deviations of sprays that are not computed."""
-    for name in ("members",) * (scatter.members > 1) + tuple(scatter.traced):
-        raise ValueError(
-            f"{name}: {getattr(scatter, name):g}, but this spray is not computed; allowed: "
-            "optical_depth and length_m, or spray.model cone or lagrangian"
-        )
-    return scatter
-
-
-OpticalScatter = Annotated[Scatter, AfterValidator(_optical)]
-
-
-def members_of(scene: "Scene") -> int:
+def members_of(scene: Scene) -> int:
     """Number of injections that a scene's image is the mean of."""
     return scene.spray.scatter.members
 
 
-def nominal(scene: "Scene") -> "Scene":
+def nominal(scene: Scene) -> Scene:
     """The scene without differences between injections that are traced."""
     scatter = Scatter(**scene.spray.scatter.model_dump(include={"optical_depth", "length_m"}))
     return scene.model_copy(update={"spray": scene.spray.model_copy(update={"scatter": scatter})})
 
 
-def without_scatter(scene: "Scene") -> Any:
+def without_scatter(scene: Scene) -> Any:
     """The spray as such, without what differs from injection to injection."""
     return scene.spray.model_copy(update={"scatter": Scatter()})
 
 
-def member(scene: "Scene", number: int) -> "Scene":
+def member(scene: Scene, number: int) -> Scene:
     """The scene of one injection, `number` 1, 2, ..: the same for any number of members."""
     spray, scatter = scene.spray, scene.spray.scatter
     _check_effects(scene, scatter)
@@ -95,8 +42,8 @@ def member(scene: "Scene", number: int) -> "Scene":
         "spray.fuel_temperature_K": plain["fuel_temperature_K"] + scatter.fuel_temperature_K * fuel,
     }
     for hole, plume in enumerate(plain["plumes"]):
-        away, aside, wider = rng.standard_normal(3)
-        turned = _turned(plume, scatter.direction_deg * away, scatter.direction_deg * aside)
+        outward, aside, wider = rng.standard_normal(3)
+        turned = _turned(plume, scatter.direction_deg * outward, scatter.direction_deg * aside)
         turned["cone_angle_deg"] = plume["cone_angle_deg"] + scatter.cone_angle_deg * wider
         values |= {f"spray.plumes[{hole}].{key}": value for key, value in turned.items()}
     if spray.model == "lagrangian":
@@ -110,25 +57,25 @@ def member(scene: "Scene", number: int) -> "Scene":
         ) from error
 
 
-def _turned(plume: dict[str, Any], away_deg: float, aside_deg: float) -> dict[str, float]:
+def _turned(plume: dict[str, Any], outward_deg: float, aside_deg: float) -> dict[str, float]:
     """Angles of a plume that is turned in the plane of the injector's axis, and across it."""
-    if away_deg == aside_deg == 0.0:
+    if outward_deg == aside_deg == 0.0:
         return {}
     tilt, turn = (math.radians(plume[key]) for key in ("inclination_deg", "azimuth_deg"))
     # Unit vectors of the plume, and along rising inclination and azimuth
     radial = np.array([math.cos(turn), math.sin(turn), 0.0])
     down = np.array([0.0, 0.0, -1.0])
     along = math.sin(tilt) * radial + math.cos(tilt) * down
-    away = math.cos(tilt) * radial - math.sin(tilt) * down
+    outward = math.cos(tilt) * radial - math.sin(tilt) * down
     aside = np.array([-math.sin(turn), math.cos(turn), 0.0])
-    x, y, z = along + math.radians(away_deg) * away + math.radians(aside_deg) * aside
+    x, y, z = along + math.radians(outward_deg) * outward + math.radians(aside_deg) * aside
     return {
         "inclination_deg": math.degrees(math.atan2(math.hypot(x, y), -z)),
         "azimuth_deg": math.degrees(math.atan2(y, x)),
     }
 
 
-def _check_effects(scene: "Scene", scatter: Scatter) -> None:
+def _check_effects(scene: Scene, scatter: Scatter) -> None:
     """Refuses a number of equal injections, and a deviation without effect."""
     spray = scene.spray
     if not scatter.traced and spray.model != "lagrangian":

@@ -141,3 +141,6 @@ class Scene(Section):
             return self.background.centre_m
         x, y, z = self.domain.centre_m
         return (x, y + self.domain.edge_m / 2, z)
+
+
+Section.scene_type = Scene

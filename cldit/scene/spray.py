@@ -5,10 +5,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
 from cldit.scene.checks import Section, Within, length
-from cldit.scene.scatter import OpticalScatter, Scatter
 from cldit.scene.sizes import Droplets, NukiyamaTanasawa
 from cldit.scene.values import Angle, CaseTime, Direction, Fraction, Length, Point
 
@@ -40,6 +40,56 @@ EIGHT_PLUMES = tuple(
     Plume(inclination_deg=33.0, azimuth_deg=22.5 + 45.0 * hole) for hole in range(8)
 )
 Deposit = Literal["kernel", "points"]
+
+
+class Scatter(Section):
+    """Differences between injections, as standard deviations, and the number of injections.
+
+    Models other than cone and lagrangian take `optical_depth` and `length_m` alone.
+    """
+
+    optical_depth: Annotated[float, Within(0.0, 1.0)] = 0.03
+    """Relative scatter of the optical depth that the simulated rig adds to every injection."""
+    length_m: Annotated[float, Within(1e-5, 1.0)] = 4e-3
+    """Correlation length of that scatter in the image."""
+    members: Annotated[int, Within(1, 1000)] = 1
+    """Number of simulated injections; the image is their mean. 1: the nominal one."""
+    start_s: Annotated[float, Within(0.0, 0.01)] = 0.0
+    """Start of injection."""
+    duration_s: Annotated[float, Within(0.0, 0.1)] = 0.0
+    """Duration of injection; the mass stays."""
+    mass: Annotated[float, Within(0.0, 0.5)] = 0.0
+    """Injected mass, relative."""
+    direction_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
+    """Direction of each plume, in either of two planes."""
+    cone_angle_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
+    """Cone angle of each plume."""
+    fuel_temperature_K: Annotated[float, Within(0.0, 100.0)] = 0.0
+    """Fuel temperature."""
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    """Random seed of the injections."""
+
+    @property
+    def traced(self) -> dict[str, float]:
+        """The deviations that make other sprays, without those that are 0."""
+        names = [name for name in type(self).model_fields if name not in _UNTRACED]
+        return {name: value for name in names if (value := getattr(self, name)) > 0.0}
+
+
+_UNTRACED = ("optical_depth", "length_m", "members", "seed")
+
+
+def _optical(scatter: Scatter) -> Scatter:
+    """Refuses deviations of sprays that are not computed."""
+    for name in ("members",) * (scatter.members > 1) + tuple(scatter.traced):
+        raise ValueError(
+            f"{name}: {getattr(scatter, name):g}, but this spray is not computed; allowed: "
+            "optical_depth and length_m, or spray.model cone or lagrangian"
+        )
+    return scatter
+
+
+OpticalScatter = Annotated[Scatter, AfterValidator(_optical)]
 
 
 class ConeSpray(Section):
@@ -222,7 +272,7 @@ class Sector(Section):
 
     @field_validator("angle_deg")
     @classmethod
-    def _whole(cls, angle_deg: float) -> float:
+    def _divides_circle(cls, angle_deg: float) -> float:
         copies = 360.0 / angle_deg
         if abs(copies - round(copies)) > 1e-3 * copies:
             raise ValueError(f"{angle_deg:g} degrees do not divide 360")
@@ -254,7 +304,7 @@ class CfdSpray(Section):
     """Mesh region, for OpenFOAM cases with several."""
     fuel_field: str = "C7H16"
     """Cell field of the fuel's mass fraction."""
-    fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
+    fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = HEPTANE_MOLAR_MASS_kg_mol
     """Molar mass of the fuel. Default: by the formula in `fuel_field`."""
     cloud: str | None = None
     """Name of the parcel cloud, for cases with several; `none`: gas only."""

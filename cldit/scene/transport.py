@@ -73,10 +73,12 @@ class Transport(Section):
         """Takes `accuracy: {temperature_K: 1, emissivity: 0.01}` for both tolerances."""
         if not isinstance(data, dict) or not isinstance(data.get("accuracy"), dict):
             return data
-        both = {"temperature_K": "accuracy_K", "emissivity": "accuracy_emissivity"}
+        keys = {"temperature_K": "accuracy_K", "emissivity": "accuracy_emissivity"}
         rest = {key: value for key, value in data.items() if key != "accuracy"}
-        given = {both.get(key, f"accuracy.{key}"): one for key, one in data["accuracy"].items()}
-        twice = sorted(set(rest) & set(given))
+        tolerances = {
+            keys.get(key, f"accuracy.{key}"): value for key, value in data["accuracy"].items()
+        }
+        twice = sorted(set(rest) & set(tolerances))
         if twice:
             raise ValueError(f"{twice[0]} and accuracy: allowed: one of them")
-        return rest | given
+        return rest | tolerances

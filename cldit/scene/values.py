@@ -12,8 +12,6 @@ from cldit.scene.checks import Within, length
 from cldit.scene.curves import FREQUENCY, WAVELENGTH, Axis, Curve, check_curve, read_curve
 from cldit.scene.point_samples import Samples, check_samples, read_samples
 
-ZERO_CELSIUS_K = 273.15
-
 Length = Annotated[float, Within(1e-6, 100.0)]
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
 Temperature = Annotated[float, Within(0.0, 5000.0)]
@@ -49,33 +47,33 @@ Direction = Annotated[
 ]
 
 
-def time_of(text: str) -> float:
+def time_of(quantity: str) -> float:
     """The number in a text, in a case's own unit, or in s if it ends with s, ms or us."""
-    unit = next((unit for unit in ("ms", "us", "s") if text.endswith(unit)), "")
+    unit = next((unit for unit in ("ms", "us", "s") if quantity.endswith(unit)), "")
     try:
         # shifted as text, so that 0.95ms is the number that is written 0.95e-3
-        return float(Decimal(text.removesuffix(unit).strip()).scaleb(_SHIFT[unit]))
+        return float(Decimal(quantity.removesuffix(unit).strip()).scaleb(_SHIFT[unit]))
     except ArithmeticError as error:
-        raise ValueError(f"{text!r} is no number") from error
+        raise ValueError(f"{quantity!r} is no number") from error
 
 
-_SHIFT = {"": 0, "s": 0, "ms": -3, "us": -6}
+_SHIFT = {"": 0, "s": 0, "ms": -3, "us": -6}  # powers of ten
 
 
 def _case_time(value: object) -> object:
     """Checks a finite number, with unit or not, `latest`, or `nearest` and a number."""
-    text = str(value).strip()
+    entry = str(value).strip()
     if isinstance(value, bool):
-        raise ValueError(f"{text} is no time; {_TIMES}")
-    if text == "latest":
-        return text
-    nearest = text.startswith("nearest")
+        raise ValueError(f"{entry} is no time; {_TIMES}")
+    if entry == "latest":
+        return entry
+    nearest = entry.startswith("nearest")
     try:
-        time = time_of(text.removeprefix("nearest").strip(" :"))
+        time = time_of(entry.removeprefix("nearest").strip(" :"))
     except ValueError as error:
-        raise ValueError(f"{text!r} is no time; {_TIMES}") from error
+        raise ValueError(f"{entry!r} is no time; {_TIMES}") from error
     if not math.isfinite(time) or abs(time) > 1e6:
-        raise ValueError(f"{text} is outside -1e6..1e6")
+        raise ValueError(f"{entry} is outside -1e6..1e6")
     return f"nearest {time!r}" if nearest else time
 
 
@@ -101,7 +99,7 @@ def _curve(value: object, info: ValidationInfo, over: Axis = WAVELENGTH) -> obje
         if isinstance(value, (str, Path)):
             return read_curve(_in_folder(value, info), over)
         if isinstance(value, (list, tuple)) and value and isinstance(value[0], (list, tuple)):
-            return check_curve(value, what="curve", over=over)
+            return check_curve(value, source="curve", over=over)
     except SceneError as error:
         raise ValueError(str(error)) from error
     return value
@@ -164,7 +162,7 @@ def _samples(value: object, info: ValidationInfo) -> object:
     try:
         if isinstance(value, (str, Path)):
             return read_samples(_in_folder(value, info))
-        return check_samples(value, what="samples")
+        return check_samples(value, source="samples")
     except SceneError as error:
         raise ValueError(str(error)) from error
 

@@ -40,9 +40,9 @@ class Domain(Section):
         if self.leaf_edge_m is None and self.rule == "need":
             return self  # what is chosen is never finer
         if self.edge_m / self.leaf_m > FINEST:
-            given = "" if self.leaf_edge_m is not None else " (rule: paper)"
+            note = "" if self.leaf_edge_m is not None else " (rule: paper)"
             raise ValueError(
-                f"leaf_edge_m: {self.leaf_m:g}{given} is finer than edge_m / {FINEST} = "
+                f"leaf_edge_m: {self.leaf_m:g}{note} is finer than edge_m / {FINEST} = "
                 f"{self.edge_m / FINEST:g}"
             )
         return self
@@ -98,9 +98,9 @@ class Patch(Section):
 
     @model_validator(mode="after")
     def _fits(self) -> "Patch":
-        wanted, other = ("radius_m", "size_m")[:: 1 if self.shape == "disc" else -1]
-        if getattr(self, wanted) is None or getattr(self, other) is not None:
-            raise ValueError(f"shape: {self.shape} takes {wanted}, and no {other}")
+        size_key, other_key = ("radius_m", "size_m")[:: 1 if self.shape == "disc" else -1]
+        if getattr(self, size_key) is None or getattr(self, other_key) is not None:
+            raise ValueError(f"shape: {self.shape} takes {size_key}, and no {other_key}")
         return self
 
 
@@ -141,7 +141,7 @@ class Window(Section):
 
     @model_validator(mode="after")
     def _material_or_table(self) -> Self:
-        curves = [one for one in (self.transmission, self.reflection) if one is not None]
+        curves = [curve for curve in (self.transmission, self.reflection) if curve is not None]
         if len(curves) != (0 if self.material else 2):
             raise ValueError(
                 f"{self.side} window: material or curves; allowed: a material, or both "
@@ -149,14 +149,14 @@ class Window(Section):
             )
         if curves:
             wavelengths = sorted({um for curve in curves for um, _ in curve})
-            both = np.zeros(len(wavelengths))
+            total = np.zeros(len(wavelengths))
             for curve in curves:
-                known_um, share = np.array(curve, float).T
-                both += np.interp(np.array(wavelengths), known_um, share, left=0.0, right=0.0)
-            if np.max(both) > 1.0 + 1e-6:
+                node_um, share = np.array(curve, float).T
+                total += np.interp(np.array(wavelengths), node_um, share, left=0.0, right=0.0)
+            if np.max(total) > 1.0 + 1e-6:
                 raise ValueError(
                     f"{self.side} window: transmission and reflection add up to "
-                    f"{np.max(both):.3f}; allowed: 1 at most"
+                    f"{np.max(total):.3f}; allowed: 1 at most"
                 )
         return self
 

@@ -57,17 +57,17 @@ def cached_spray(
             except SprayError:
                 files[asked].unlink()
         lacking = tuple(time_s for time_s in times if not files[time_s].is_file())
-        found: Spray | None = None
+        requested: Spray | None = None
         try:
             for time_s, spray in zip(lacking, make(lacking), strict=True):
-                found = spray if time_s == asked else found
+                requested = spray if time_s == asked else requested
                 with suppress(OSError):
                     write_spray(files[time_s], spray)
         except SprayError:
-            if found is None:
+            if requested is None:
                 raise  # else it concerns a later time, and is raised there
-    assert found is not None
-    return found
+    assert requested is not None
+    return requested
 
 
 def _file(spec: LagrangianSpray, time_s: float, folder: Path) -> Path:

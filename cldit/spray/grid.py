@@ -53,32 +53,33 @@ def read_grid(spec: GridSpray) -> Spray:
             raise SprayError(f"{spec.file}: {name}: shape {arrays[name].shape}, expected (3,)")
         _check(f"{spec.file}: {name}", arrays[name], low=low, high=high)
 
-    given = {name: arrays[name] for name in _NAMES if name in arrays and name not in _VECTORS}
-    if not given:
+    present = {name: arrays[name] for name in _NAMES if name in arrays and name not in _VECTORS}
+    if not present:
         raise SprayError(
             f"{spec.file}: no (nx, ny, nz) array; allowed: "
             f"{', '.join((*_COEFFICIENTS, *_TEMPERATURES))}"
         )
-    first, leading = next(iter(given.items()))
+    first_name, leading = next(iter(present.items()))
     if leading.ndim != 3 or leading.size == 0:
         raise SprayError(
-            f"{spec.file}: {first}: shape {leading.shape}, expected (nx, ny, nz), each at least 1"
+            f"{spec.file}: {first_name}: shape {leading.shape}, expected (nx, ny, nz), each at "
+            "least 1"
         )
     filled = np.zeros(leading.size, dtype=bool)
-    for name, values in given.items():
+    for name, values in present.items():
         if values.shape != leading.shape:
             raise SprayError(
-                f"{spec.file}: {name}: shape {values.shape}, but {first} has {leading.shape}"
+                f"{spec.file}: {name}: shape {values.shape}, but {first_name} has {leading.shape}"
             )
         high = 5000.0 if name.endswith("_K") else 1e12
         _check(f"{spec.file}: {name}", values, low=0.0, high=high)
         if name in _COEFFICIENTS:
             filled |= values.reshape(-1) > 0.0
     for temperature, absorption in _EMITTERS.items():
-        most = float(np.max(given.get(absorption, 0.0)))
-        if temperature not in given and most > 0.0:
+        largest = float(np.max(present.get(absorption, 0.0)))
+        if temperature not in present and largest > 0.0:
             raise SprayError(
-                f"{spec.file}: {temperature} is missing, but {absorption} is up to {most:g}; "
+                f"{spec.file}: {temperature} is missing, but {absorption} is up to {largest:g}; "
                 f"expected temperatures of shape {leading.shape}"
             )
 
@@ -92,7 +93,7 @@ def read_grid(spec: GridSpray) -> Spray:
     )
     zeros = np.zeros(len(index))
     kept = {
-        name: given[name].reshape(-1)[index] if name in given else zeros
+        name: present[name].reshape(-1)[index] if name in present else zeros
         for name in (*_COEFFICIENTS, *_TEMPERATURES)
     }
     notes = {"voxels": float(leading.size), "voxels_filled": float(len(index))}
@@ -121,9 +122,9 @@ def _load(path: Path) -> dict[str, Floats]:
     return {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in raw.items()}
 
 
-def _check(what: str, values: Floats, *, low: float, high: float) -> None:
+def _check(label: str, values: Floats, *, low: float, high: float) -> None:
     inside = (values >= low) & (values <= high)  # false for NaN too
     if not inside.all():
         bad = np.unravel_index(int(np.argmin(inside)), values.shape)
         place = ", ".join(str(int(axis)) for axis in bad)
-        raise SprayError(f"{what}: {values[bad]:g} at [{place}] is outside {low:g}..{high:g}")
+        raise SprayError(f"{label}: {values[bad]:g} at [{place}] is outside {low:g}..{high:g}")

@@ -28,26 +28,26 @@ def penetrations_m(parcels: Parcels, shares: Sequence[float]) -> tuple[float, ..
     depth, mass = depth[starts], np.add.reduceat(mass, starts)
     order = np.argsort(depth)
     reached = np.cumsum(mass[order])
-    first = [int(np.argmax(reached >= share * reached[-1])) for share in shares]
-    return tuple(float(depth[order[one]]) for one in first)
+    entries = [int(np.argmax(reached >= share * reached[-1])) for share in shares]
+    return tuple(float(depth[order[entry]]) for entry in entries)
 
 
-def liquid_figures(parcels: Parcels, known: Mapping[str, float] | None = None) -> dict[str, float]:
+def liquid_figures(parcels: Parcels, stated: Mapping[str, float] | None = None) -> dict[str, float]:
     """Figures of a spray's liquid by name: mass, Sauter mean diameter, penetrations.
 
-    The shares are `SHARES_PERCENT`; figures in `known` are omitted.
+    The shares are `SHARES_PERCENT`; figures in `stated` are omitted.
     """
-    known = known or {}
-    figures = {} if "liquid_mass_kg" in known else {"liquid_mass_kg": parcels.mass_kg}
-    if not {**figures, **known}["liquid_mass_kg"] > 0.0:
+    stated = stated or {}
+    figures = {} if "liquid_mass_kg" in stated else {"liquid_mass_kg": parcels.mass_kg}
+    if not {**figures, **stated}["liquid_mass_kg"] > 0.0:
         return figures
-    if "sauter_mean_diameter_m" not in known:
+    if "sauter_mean_diameter_m" not in stated:
         figures["sauter_mean_diameter_m"] = parcels.sauter_mean_diameter_m
     names = {f"liquid_penetration_{percent}_m": percent / 100 for percent in SHARES_PERCENT}
-    wanted = {name: share for name, share in names.items() if name not in known}
-    if wanted:
-        found = penetrations_m(parcels, tuple(wanted.values()))
-        figures |= dict(zip(wanted, found, strict=True))
+    missing = {name: share for name, share in names.items() if name not in stated}
+    if missing:
+        depths = penetrations_m(parcels, tuple(missing.values()))
+        figures |= dict(zip(missing, depths, strict=True))
     return figures
 
 

@@ -6,29 +6,30 @@ Positions are in the project's frame: injector tip at the origin, injector axis 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.errors import SprayError
 from cldit.io.origin import FileRead
-from cldit.io.presented import Presented
+from cldit.io.presented import Presented, xarray_module
 from cldit.spray.extent import Box, Cloud, Extent
 
 if TYPE_CHECKING:
     import xarray
 
 
-def _checked(what: str, values: Floats, *, low: float, high: float) -> None:
+def _checked(label: str, values: Floats, *, low: float, high: float) -> None:
     if not values.size or low <= values.min() <= values.max() <= high:
         return  # comparisons are false for NaN
     if not np.all(np.isfinite(values)):
         bad = int(np.flatnonzero(~np.isfinite(values).reshape(values.shape[0], -1).all(axis=1))[0])
-        raise SprayError(f"{what}: entry {bad} is not finite")
+        raise SprayError(f"{label}: entry {bad} is not finite")
     bad = int(np.argmax((values < low) | (values > high)))
     raise SprayError(
-        f"{what}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
+        f"{label}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
     )
 
 
@@ -78,11 +79,11 @@ class Parcels:
     @property
     def masses_kg(self) -> Floats:
         """Liquid mass of each parcel (N,), n rho pi d^3 / 6."""
-        each = self.droplets * self.density_kg_m3
+        mass = self.droplets * self.density_kg_m3
         for _ in range(3):  # a power takes ten times as long
-            each *= self.diameter_m
-        each *= np.pi / 6
-        return np.asarray(each)
+            mass *= self.diameter_m
+        mass *= np.pi / 6
+        return np.asarray(mass)
 
     @property
     def mass_kg(self) -> float:
@@ -244,13 +245,13 @@ class Vapour:
     @property
     def masses_kg(self) -> Floats:
         """Mass of the vapour in each cell (N,)."""
-        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        molecule_kg = self.molar_mass_kg_mol / AVOGADRO_PER_MOL
         return np.asarray(self.number_density_m3 * self.cells.volume_m3 * molecule_kg)
 
     @property
     def mass_kg(self) -> float:
         """Mass of all vapour."""
-        molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
+        molecule_kg = self.molar_mass_kg_mol / AVOGADRO_PER_MOL
         return float(np.sum(self.number_density_m3 * self.cells.volume_m3) * molecule_kg)
 
 
@@ -317,6 +318,72 @@ class Spray(Presented):
         Raises:
             ClditError: xarray is not installed.
         """
-        from cldit.spray.labelled import labelled_spray
+        return _labelled(self)
 
-        return labelled_spray(self)
+
+_AXES = "xyz"
+
+
+def _labelled(spray: Spray) -> xarray.Dataset:
+    """Data set with variables such as parcel_diameter_m and vapour_temperature_K.
+
+    Lengths are in mm, all else in SI units; `cell_x`, `cell_y` and `cell_z` are middles,
+    `cell_width_x` and so on edges. Figures of the spray are attributes.
+    """
+    xr = xarray_module()
+    variables: dict[str, Any] = {}
+    coords: dict[str, Any] = {}
+    if (parcels := spray.parcels) is not None:
+        _places(coords, "parcel", parcels.position_m)
+        for name, unit in (
+            ("diameter_m", "m"),
+            ("droplets", "1"),
+            ("temperature_K", "K"),
+            ("density_kg_m3", "kg m-3"),
+        ):
+            about = _units(f"{name.partition('_')[0]} of a parcel", unit)
+            variables[f"parcel_{name}"] = ("parcel", getattr(parcels, name), about)
+        if parcels.velocity_m_s is not None:
+            for number, axis in enumerate(_AXES):
+                about = _units(f"velocity of a parcel along {axis}", "m s-1")
+                along = parcels.velocity_m_s[:, number]
+                variables[f"parcel_velocity_{axis}"] = ("parcel", along, about)
+    gas = spray.vapour or spray.prescribed
+    if gas is not None:
+        _boxes(coords, variables, gas.cells)
+    if (vapour := spray.vapour) is not None:
+        density = vapour.number_density_m3
+        variables["vapour_number_density_m3"] = ("cell", density, _units("number density", "m-3"))
+        warm = _units("temperature of the gas", "K") | {"standard_name": "air_temperature"}
+        variables["vapour_temperature_K"] = ("cell", vapour.temperature_K, warm)
+    if (prescribed := spray.prescribed) is not None:
+        for name in ("vapour_absorption", "droplet_absorption", "droplet_scattering"):
+            values = getattr(prescribed, f"{name}_per_m")
+            variables[f"{name}_per_m"] = ("cell", values, _units(name.replace("_", ": "), "m-1"))
+        for name in ("vapour_temperature_K", "droplet_temperature_K"):
+            about = _units(f"temperature of the {name.partition('_')[0]}", "K")
+            variables[name] = ("cell", getattr(prescribed, name), about)
+    attrs: dict[str, Any] = {"Conventions": "CF-1.11", "title": "cldit: spray", **spray.notes}
+    if spray.vapour is not None:
+        attrs["vapour_molar_mass_kg_mol"] = spray.vapour.molar_mass_kg_mol
+    if spray.remarks:
+        attrs["remarks"] = "\n".join(spray.remarks)
+    return xr.Dataset(variables, coords, attrs)  # type: ignore[no-any-return]
+
+
+def _units(name: str, unit: str) -> dict[str, str]:
+    return {"units": unit, "long_name": name}
+
+
+def _places(coords: dict[str, Any], dimension: str, position_m: Floats) -> None:
+    for number, axis in enumerate(_AXES):
+        about = {"units": "mm", "long_name": f"{axis}, from the injector's tip"}
+        coords[f"{dimension}_{axis}"] = (dimension, 1e3 * position_m[:, number], about)
+
+
+def _boxes(coords: dict[str, Any], variables: dict[str, Any], cells: Cells) -> None:
+    _places(coords, "cell", (cells.lower_m + cells.upper_m) / 2.0)
+    for number, axis in enumerate(_AXES):
+        edge = 1e3 * (cells.upper_m - cells.lower_m)[:, number]
+        about = {"units": "mm", "long_name": f"edge of the cell along {axis}"}
+        variables[f"cell_width_{axis}"] = ("cell", edge, about)

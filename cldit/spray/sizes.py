@@ -66,23 +66,23 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
 
     Raises SprayError by number if the number is infinite (Rosin-Rammler, q <= 3).
     """
-    wanted = np.asarray(share, dtype=float)
+    shares = np.asarray(share, dtype=float)
     if isinstance(sizes, Monodisperse):
-        return np.full(wanted.shape, sizes.diameter_um * 1e-6)
+        return np.full(shares.shape, sizes.diameter_um * 1e-6)
     if isinstance(sizes, LogNormal):
         spread = np.log(sizes.sigma)
         shift = _POWER[by] * spread**2
-        return np.asarray(sizes.median_um * 1e-6 * np.exp(shift + spread * ndtri(wanted)))
+        return np.asarray(sizes.median_um * 1e-6 * np.exp(shift + spread * ndtri(shares)))
     if isinstance(sizes, Histogram):
         edges, below = _running(sizes, _POWER[by])
         power = _POWER[by] + 1
-        powers = np.interp(wanted * below[-1], below, edges**power)
+        powers = np.interp(shares * below[-1], below, edges**power)
         return np.asarray(powers ** (1 / power) * 1e-6)
     m_um, n, p = _gamma(sizes)
     shape = (p + 1 + _POWER[by]) / n
     if shape <= 0:
         raise SprayError(f"Rosin-Rammler with q = {n:g}: the number of droplets is infinite")
-    return np.asarray(m_um * 1e-6 * gammaincinv(shape, wanted) ** (1 / n))
+    return np.asarray(m_um * 1e-6 * gammaincinv(shape, shares) ** (1 / n))
 
 
 def strata_m(sizes: Sizes, count: int) -> Floats:
@@ -109,8 +109,8 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
     m_um, n, p = _gamma(sizes)
     shape = (p + 4) / n
     surface_below = gammainc(shape - 1 / n, gammaincinv(shape, edges))
-    whole = np.exp(gammaln(shape - 1 / n) - gammaln(shape))
-    return np.asarray(m_um * 1e-6 / (count * whole * np.diff(surface_below)))
+    total = np.exp(gammaln(shape - 1 / n) - gammaln(shape))
+    return np.asarray(m_um * 1e-6 / (count * total * np.diff(surface_below)))
 
 
 def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:

@@ -102,8 +102,8 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
         ):
             members = {"about": np.array(json.dumps(about)), **arrays}
             size, done = sum(values.nbytes for values in members.values()), 0
-            for name, given in members.items():
-                values = np.asarray(given, order="C")
+            for name, array in members.items():
+                values = np.asarray(array, order="C")
                 shrinks = name in _CORNERS
                 archive.compression = zipfile.ZIP_DEFLATED if shrinks else zipfile.ZIP_STORED
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
@@ -187,7 +187,7 @@ def read_spray(path: Path) -> Spray:
             vapour = Vapour(cells, number, temperature, float(about["molar_mass_kg_mol"]))
         notes = {str(name): float(value) for name, value in about["notes"].items()}
         remarks = tuple(map(str, about["remarks"]))
-        files = tuple(FileRead.from_dict(each) for each in about.get("files", []))
+        files = tuple(FileRead.from_dict(entry) for entry in about.get("files", []))
         fuel = str(about.get("fuel", ""))
     except KeyError as error:
         raise SprayError(f"{path}: {error.args[0]} is missing") from error

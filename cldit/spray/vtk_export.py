@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.io.vtk_files import VOXEL, Grid, Points, write_xml
 from cldit.spray.result import Parcels, Spray
 
@@ -44,7 +45,7 @@ def write_vtk(spray: Spray, folder: Path) -> list[Path]:
         edge = cells.upper_m - cells.lower_m
         corners = (cells.lower_m[:, None] + edge[:, None] * _CORNERS).reshape(-1, 3)
         fields = {
-            "vapour_kg_m3": vapour.number_density_m3 * vapour.molar_mass_kg_mol / 6.02214076e23,
+            "vapour_kg_m3": vapour.number_density_m3 * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL,
             "temperature_K": vapour.temperature_K,
         }
         nodes = np.arange(8 * count).reshape(-1, 8)

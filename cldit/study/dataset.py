@@ -48,7 +48,7 @@ _FORMAT = 2  # 1: x and z in m, no total error
 
 def extra(name: str) -> Any:
     """A module of the extra `studies`."""
-    return needed(name, extra="studies", what="a sweep", error=StudyError)
+    return needed(name, extra="studies", needed_by="a sweep", error=StudyError)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from cldit.run import Run, Say, simulate
 from cldit.run.content import trace_content
 from cldit.run.simulate import reevaluated
 from cldit.scene import Scene, dump_scene
-from cldit.scene.change import value_at
+from cldit.scene.keys import value_at
 from cldit.scene.load import chosen_scene
 from cldit.study.grid import ALIASES
 from cldit.study.radiance import RadianceData

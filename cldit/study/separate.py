@@ -13,7 +13,7 @@ from cldit.gpu.device import Device
 from cldit.io.content import digest
 from cldit.run import Run, Say, simulate
 from cldit.scene import Scene
-from cldit.scene.delays import alone, delay_folder, scene_at
+from cldit.scene.delays import delay_folder, scene_at, without_delays
 from cldit.scene.scatter import members_of
 
 
@@ -49,7 +49,7 @@ def separate(
 
             runs: list[Run] = []
             for name, scene in (("one", one), ("other", other)):
-                at = alone(scene if delay_s is None else scene_at(scene, delay_s))
+                at = without_delays(scene if delay_s is None else scene_at(scene, delay_s))
                 at = at if optics is None else in_band(at, optics)
                 where = place / name / ("" if delay_s is None else delay_folder(delay_s))
                 like = runs[0] if runs and members_of(at) == 1 else None

@@ -1,7 +1,7 @@
 """The contract of drivers, for tests and for `cldit check-driver`.
 
-`cameras`, `backgrounds`, `triggers` and `devices` check a device of that kind, `lost_replies` any
-driver connected to an emulator whose replies can be lost or damaged. `run` runs it, on emulators
-or, as far as that is safe, on an instrument. A violation raises
+`cameras`, `wheels`, `backgrounds`, `triggers` and `devices` check a device of that kind,
+`lost_replies` any driver connected to an emulator whose replies can be lost or damaged. `run` runs
+it, on emulators or, as far as that is safe, on an instrument. A violation raises
 `cldit.testing.expect.ContractBroken`.
 """

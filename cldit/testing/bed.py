@@ -38,7 +38,8 @@ class Bed:
     a level of its output above the lowest; empty if nothing. afresh: makes another device for the
     same emulator, as after a crash. sensor: of black bodies, breaks the sensor, which then reads
     one temperature [K]. hang_up: closes the sessions of the line, which may be opened again, or
-    waits until the emulator closes them.
+    waits until the emulator closes them. wheel: of filter wheels, a
+    `cldit.testing.wheels.WheelSide`.
     """
 
     device: Any
@@ -51,6 +52,7 @@ class Bed:
     afresh: Callable[[], Any] | None = None
     sensor: Callable[[float], None] | None = None
     hang_up: Callable[[], None] | None = None
+    wheel: Any = None
 
     @property
     def injections(self) -> int:

@@ -80,8 +80,8 @@ def refuses(
     except error as refusal:
         expect(saying in str(refusal), f"{what}: {refusal}; expected {saying!r} in it")
         return refusal
-    except Exception as other:
+    except Exception as fault:
         raise ContractBroken(
-            f"{what}: {type(other).__name__}: {other}; expected {error.__name__}"
-        ) from other
+            f"{what}: {type(fault).__name__}: {fault}; expected {error.__name__}"
+        ) from fault
     raise ContractBroken(f"{what}: returned {got!r}; expected {error.__name__}")

@@ -17,13 +17,19 @@ from cldit.testing.expect import EVERYTHING, Allowed, Check, ContractBroken, Not
 from cldit.testing.idle import check_idle
 from cldit.testing.implausible import check_implausible
 from cldit.testing.triggers import PULSES, TRIGGER
+from cldit.testing.wheels import FAULTS, WHEEL, check_spoiled
 
 OF_KIND: dict[str, list[Check]] = {
     "camera": [LIFE, IDENTITY, *CAMERA],
+    "filter_wheel": [LIFE, IDENTITY, *WHEEL],
     "background": [LIFE, IDENTITY, *BACKGROUND],
     "trigger": [LIFE, IDENTITY, *TRIGGER],
 }
 """Checks of a device of each kind, in order; the first one connects it."""
+OF_BED: dict[str, list[Check]] = {"filter_wheel": FAULTS, "trigger": PULSES}
+"""Checks of a whole bed, for kinds whose emulator shows or does more than the device."""
+HARMLESS = {"filter_wheel"}
+"""Kinds that are harmless in every state, of which nothing is left on."""
 
 
 class Verdict(StrEnum):
@@ -56,7 +62,7 @@ def on_emulators(
 
     Args:
         driver: its name.
-        kind: camera, background or trigger.
+        kind: one of `OF_KIND`.
         settings: of the driver, without the address.
         all_faults: tries each fault of each reply, which takes minutes; otherwise one of them each.
 
@@ -72,11 +78,8 @@ def on_emulators(
             yield _tried(
                 variant, check.name, _alone(make, settings, check, connects, with_bed=False)
             )
-        if kind == "trigger":
-            for check in PULSES:
-                yield _tried(
-                    variant, check.name, _alone(make, settings, check, True, with_bed=True)
-                )
+        for check in OF_BED.get(kind, []):
+            yield _tried(variant, check.name, _alone(make, settings, check, True, with_bed=True))
         for name, work in _lines(make, kind, settings, all_faults).items():
             yield _tried(variant, name, work)
 
@@ -88,7 +91,7 @@ def on_instrument(
 
     Args:
         device: not connected.
-        kind: camera, background or trigger.
+        kind: one of `OF_KIND`.
         allowed: limits of the checks.
         pause_s: time between checks.
 
@@ -149,9 +152,12 @@ def _lines(
         work["a reply lost while it connects"] = lambda: (
             f"{lost_replies.check_connect(make, settings)} sessions"
         )
-    work["readings that cannot be"] = lambda: f"{check_implausible(make, settings)} sessions"
     work["sessions closed while idle"] = lambda: f"{check_idle(make, settings)} sessions"
-    work["dead after its session"] = lambda: lost_replies.check_dead(make, settings, times=1)
+    if kind in HARMLESS:
+        work["spoiled answers"] = lambda: f"{check_spoiled(make, settings)} sessions"
+    else:
+        work["readings that cannot be"] = lambda: f"{check_implausible(make, settings)} sessions"
+        work["dead after its session"] = lambda: lost_replies.check_dead(make, settings, times=1)
     return work
 
 

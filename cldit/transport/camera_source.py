@@ -91,7 +91,7 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
         light += (mean / 2).astype(sweeper.real)
     gradient = np.mean(gradients, axis=0) if gradients else None
     if gradient is not None and final.source.gradient is not None:
-        gradient += final.source.gradient
+        gradient += sweeper.read_gradient(final.source.gradient)
     cell_sources = None
     if region is not None and interfaces is not None:
         joined = Ordinates.joined([ordinates.directions for ordinates in sets])
@@ -139,9 +139,10 @@ def _swept(
     if camera is not None:
         blurred = problem.blurred(sweeper, ordinates.directions)
         return sweeper.view_weighted_mean(camera, ordinates, interfaces, blurred)
-    mean = np.empty((1, sweeper.components, sweeper.count), sweeper.real)
+    mean = sweeper.unset_light(1)
     gradient = sweeper.moments(problem.final_program, ordinates, out=mean, interfaces=interfaces)
-    return mean, gradient
+    changes = None if gradient is None else sweeper.read_gradient(gradient)
+    return sweeper.read(mean), changes
 
 
 def _counts(medium: OpticalCells, sweeps: int) -> dict[str, int]:

@@ -4,7 +4,7 @@ One ray a pixel, or several, by octree traversal (kernels/image.cl), on one devi
 `FormalSolution` has the medium, and `Rays` also its sources.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -25,12 +25,25 @@ _GROUP = 64
 _MIDDLE = np.array([[0.5, 0.5, 0.0, 0.0]])  # of a pixel, and of the aperture
 
 
+@dataclass(frozen=True)
+class ThickPixels:
+    """Pixels that see thick cells, with equal numbers of rays.
+
+    pixels: (N,) flat numbers. across: across^2 rays go through each. seen: (C, N) weights of the
+    rest of the image. other: number of pixels with a T_app that see no thick cell.
+    """
+
+    pixels: Ints
+    across: int
+    seen: Reals
+    other: int
+
+
 class Gathered(Protocol):
     """Adds the light that thick cells scatter."""
 
-    def __call__(self, pixels: Ints, across: int, seen: Reals, other: int, /) -> Floats:
-        """Maps pixels (N,), rays across each, their weights so far (C, N), and the number of other
-        pixels that have a T_app to the terms to add to each image, (images, C + 1, N)."""
+    def __call__(self, groups: Sequence[ThickPixels], /) -> list[Floats]:
+        """Terms to add to each image, (images, C + 1, N), of the pixels of each group."""
 
     def affords(self, rays: int, /) -> bool:
         """True if the scatterings that an image may have suffice for so many more rays."""
@@ -150,33 +163,41 @@ class Rays:
         The part from within the medium is the last (see energy_balance.py).
         """
         columns, rows = self.solution.view.pixels
-        return self._gathered(self._whole(), np.arange(columns * rows), 1)
+        every = np.arange(columns * rows)
+        return self._gathered(self._whole(), every, np.ones_like(every))
 
     def through(self, pixels: Ints, across: Ints) -> Reals:
         """Mean weights (images, C + 1, N) of `across`^2 (N,) rays through each of `pixels` (N,)."""
-
-        def traced(some: Ints, each: int) -> Reals:
-            return self._gathered(self._listed(some, each), some, each)
-
-        return by_number(traced, pixels, across)
+        order = np.argsort(across, kind="stable")  # work-items of a group do equal work
+        planes = self._through(pixels[order], *self.solution.view.rays(across[order]))
+        return self._gathered(planes[:, np.argsort(order)], pixels, across)
 
     def affords(self, rays: int) -> bool:
         """True if paths in thick cells allow so many more rays."""
         return self.gather is None or self.gather.affords(rays)
 
-    def _gathered(self, planes: Reals, pixels: Ints, across: int) -> Reals:
-        """Images (images, C + 1, N) of the kernel's planes (P, N), and what thick cells scatter."""
+    def _gathered(self, planes: Reals, pixels: Ints, across: Ints) -> Reals:
+        """Images (images, C + 1, N) of the kernel's planes (P, N), and what thick cells scatter.
+
+        Pixels with equal numbers of rays share the limits of their paths.
+        """
         solution = self.solution
         parts = len(solution.cells.needs.components) + 1
         images = planes[: solution.at_once * parts].reshape(solution.at_once, parts, -1)
         if solution.thick is None or self.gather is None:
             return images
-        left = np.flatnonzero(planes[-1])
-        if len(left):
+        counts = solution.view.has_temperature(1 - images[0, 0], pixels)
+        places, groups = [], []
+        for number in np.unique(across[planes[-1] != 0]):
+            mine = across == number
+            left = np.flatnonzero(mine & (planes[-1] != 0))
             seen = images[:, :-1, left].mean(axis=0)
-            counts = solution.view.has_temperature(1 - images[0, 0], pixels)
-            other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
-            images[:, :, left] += self.gather(pixels[left], across, seen, other)
+            other = int(np.count_nonzero(counts[mine]) - np.count_nonzero(counts[left]))
+            places.append(left)
+            groups.append(ThickPixels(pixels[left], int(number), seen, other))
+        if groups:
+            for left, terms in zip(places, self.gather(groups), strict=True):
+                images[:, :, left] += terms
         return images
 
     @property
@@ -190,7 +211,8 @@ class Rays:
         solution = self.solution
         columns, rows = solution.view.pixels
         if rows * columns > self._most_pixels:
-            return self._through(np.arange(rows * columns), _MIDDLE)
+            each = np.tile(np.array([0, 1], np.int32), (rows * columns, 1))
+            return self._through(np.arange(rows * columns), _MIDDLE, each)
         outs = []
         for part, some in zip(solution.parts, self.records, strict=True):
             out = unset(part.device, "image", self._planes * rows * columns, solution.real)
@@ -210,12 +232,8 @@ class Rays:
             mine = slice(part.rows.start * columns, part.rows.stop * columns)
             for number, plane in enumerate(planes):
                 first = number * plane.size + mine.start
-                download(part.device, out, plane[mine], first=first)
+                download(part.device, out, plane[mine], start=first)
         return planes
-
-    def _listed(self, pixels: Ints, across: int) -> Reals:
-        """Planes (P, N): means of across^2 rays through each of the listed pixels."""
-        return self._through(pixels, self.solution.view.places(across))
 
     @property
     def _most_pixels(self) -> int:
@@ -223,16 +241,16 @@ class Rays:
         least = min(part.device.info.largest_buffer_bytes for part in self.solution.parts)
         return max(1, int(least // (self._planes * np.dtype(self.solution.real).itemsize)))
 
-    def _through(self, pixels: Ints, places: Floats) -> Reals:
-        """Planes (P, N): means of rays through the places (R, 4) in each of the listed pixels."""
+    def _through(self, pixels: Ints, places: Floats, ranges: NDArray[np.int32]) -> Reals:
+        """Planes (P, N): means of rays through each of the listed pixels, by `View.rays`."""
         step = self._most_pixels
         parts = [
-            self._at_once(pixels[first : first + step], places)
+            self._at_once(pixels[first : first + step], places, ranges[first : first + step])
             for first in range(0, len(pixels), step)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
-    def _at_once(self, pixels: Ints, places: Floats) -> Reals:
+    def _at_once(self, pixels: Ints, places: Floats, ranges: NDArray[np.int32]) -> Reals:
         """The same of as many pixels as fit into one buffer."""
         solution = self.solution
         outs = []
@@ -251,7 +269,7 @@ class Rays:
                         "list": upload(part.device, "pixels", some_pixels),
                         "count": count,
                         "places": upload(part.device, "rays", places.astype(solution.real)),
-                        "rays": len(places),
+                        "ranges": upload(part.device, "rays", ranges[mine.start : mine.stop]),
                         **some,
                         **part.arguments,
                     },
@@ -272,20 +290,3 @@ def _directory(
     """Kernel arguments of the octree's directory."""
     whole = device_cells(device, cells, real, linear=linear)
     return {name: whole[name] for name in ("directory", "span")}
-
-
-def by_number(
-    made: Callable[[Ints, int], NDArray[Any]],
-    pixels: Ints,
-    numbers: Ints,
-) -> NDArray[Any]:
-    """Results (..., N) of `made` for pixels (N,) with a number (N,) each, equal numbers at once."""
-    out: NDArray[Any] | None = None
-    for each in np.unique(numbers):
-        mine = numbers == each
-        found = made(pixels[mine], int(each))
-        if out is None:
-            out = np.empty((*found.shape[:-1], len(pixels)), found.dtype)
-        out[..., mine] = found
-    assert out is not None  # there are pixels
-    return out

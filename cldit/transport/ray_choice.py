@@ -11,7 +11,7 @@ pixels with many more rays then measures the sum without bias (subpixels.py), an
 large, the expected squares are scaled and more rays follow.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
@@ -19,13 +19,14 @@ from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import TraceTemperature
-from cldit.transport.image import Rays, by_number
+from cldit.transport.image import Rays
 from cldit.transport.view import View
 
 Counts = Ints
 
 MOST_ACROSS = 16
 SHARES = 32  # rays across, without a medium, by which the share of the background is exact
+_NUMBERS = (1, 2, 4, 8, MOST_ACROSS, SHARES)
 _MOST_RAYS = 4, 1_000_000  # on average over the image, and beside that: a second or two
 _FIRST = 0.2  # error by one ray over the difference from the neighbours, before it is measured
 _LEAST, _LARGEST = 0.02, 1.0  # of that ratio, measured
@@ -47,6 +48,7 @@ class PixelResults:
     view: View
     temperature: TraceTemperature
     rim: Mask
+    _known: dict[int, Floats] = field(default_factory=dict)  # shares by number of rays across
 
     @classmethod
     def of(cls, view: View, temperature: TraceTemperature) -> "PixelResults":
@@ -54,16 +56,38 @@ class PixelResults:
         rim = ~minimum_filter(view.sees_background, 3 + 2 * view.edge_pixels)
         return cls(view, temperature, rim.reshape(-1))
 
+    def _shares(self, pixels: Counts, across: Counts) -> Floats:
+        """Shares (B, N) of the boundary in rim pixels (N,) that see the background.
+
+        All such pixels are traced at once, by all numbers of rays that may be asked for.
+        """
+        every = np.flatnonzero(self.rim & self.view.sees_background.reshape(-1))
+        missing = sorted({*_NUMBERS, *map(int, np.unique(across))} - self._known.keys())
+        if missing:
+            numbers = np.repeat(np.array(missing)[:, None], len(every), axis=1)
+            found = np.moveaxis(self.view.boundary_shares(every, numbers), 1, 0)
+            self._known.update(zip(missing, found, strict=True))
+        place, out = np.searchsorted(every, pixels), np.empty((0, len(pixels)))
+        for number in np.unique(across):
+            mine, shares = across == number, self._known[int(number)]
+            out = out if len(out) else np.empty((len(shares), len(pixels)))
+            out[:, mine] = shares[:, place[mine]]
+        return out
+
     def __call__(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
-        """Results (2, N) of `pixels` (N,) with `weights` (C, N) by `across`^2 rays; NaN: none."""
-        mean = np.array(weights, np.float64)
+        """Results (2, I, N) of `pixels` (N,) with weights (I, C, N) by `across`^2 rays; NaN: none.
+
+        I is the number of images.
+        """
+        means = np.array(weights, np.float64)
         there = self.view.on_background(pixels)
         at = np.flatnonzero(there & self.rim[pixels])
         if len(at):
-            shares = by_number(self.view.boundary_shares, pixels[at], across[at])
-            mean[:, at] = evaluated(mean[:, at], shares, shares)
+            shares = self._shares(pixels[at], across[at])
+            for mean in means:
+                mean[:, at] = evaluated(mean[:, at], shares, shares)
             there[at] = shares[0] > VISIBLE_DISC  # DIT fits pixels of at least this share
-        return self._of(mean, there)
+        return np.stack([self._of(mean, there) for mean in means], axis=1)
 
     def _of(self, weights: Reals, there: Mask) -> Floats:
         """Results (2, N) of weights (C, N) as DIT evaluates them; NaN where not `there`."""
@@ -83,8 +107,7 @@ class PixelResults:
         at = np.flatnonzero(self.view.on_background(pixels) & self.rim[pixels])
         if len(at):
             one, other = (
-                by_number(self.view.boundary_shares, pixels[at], each)
-                for each in (few[at], np.full(len(at), SHARES))
+                self._shares(pixels[at], each) for each in (few[at], np.full(len(at), SHARES))
             )
             there = np.minimum(one[0], other[0]) > VISIBLE_DISC
             here, more = (
@@ -213,7 +236,7 @@ class RayChoice:
         return np.asarray(self._kelvin_of(found, pixels, across) - self._kelvin[:, :, pixels])
 
     def _kelvin_of(self, found: Reals, pixels: Counts, across: Counts) -> Floats:
-        return np.stack([self._results(each[:-1], pixels, across) for each in found], axis=1)
+        return self._results(found[:, :-1], pixels, across)
 
     def _widen(self) -> None:
         """Traces four rays in the pixels beside those with a T_app, which may see the medium."""

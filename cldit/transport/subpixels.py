@@ -19,7 +19,7 @@ from cldit.arrays import Floats, Ints, Reals
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
-from cldit.transport.image import Rays, by_number
+from cldit.transport.image import Rays
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.ray_choice import (
     SHARES,
@@ -52,7 +52,7 @@ def sampled_subpixels(
     """
     flat = image.reshape(len(image), -1)
     every = np.arange(flat.shape[1])
-    found = results(flat[:-1], every, across)
+    found = results(flat[None, :-1], every, across)[:, 0]
     if not np.isfinite(found[0]).any():
         return None
     rim = results.of_shares(flat[:-1], every, across)
@@ -92,10 +92,8 @@ def many_rays(rays: Rays, sample: PixelSample, across: Ints, more: Ints) -> tupl
     """
     cells, view = rays.solution.cells, rays.solution.view
     planes = rays.through(sample.pixels, more)
-    here, seen, shares = (
-        by_number(view.boundary_shares, sample.pixels, each)
-        for each in (across[sample.pixels], more, np.full(len(more), SHARES))
-    )
+    numbers = np.stack([across[sample.pixels], more, np.full(len(more), SHARES)])
+    here, seen, shares = np.moveaxis(view.boundary_shares(sample.pixels, numbers), 1, 0)
     rim = (shares[0] < 1.0) & (shares[0] > VISIBLE_DISC)
     for each in planes:
         each[:-1, rim] = as_shared(each[:-1, rim], seen[:, rim], shares[:, rim])

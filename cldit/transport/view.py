@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from cldit.arrays import Floats, Ints, Mask, Reals
@@ -103,6 +104,14 @@ class View:
         apart = (1.0 - self.distance / self.focus) * lens / np.array(self.pitch)
         return np.hstack([points[:, :2] + apart * (1.0, -1.0), lens])
 
+    def rays(self, across: Ints) -> tuple[Floats, NDArray[np.int32]]:
+        """`places` (R, 4) of pixels with `across`^2 (N,) rays each, and those (N, 2) of each pixel:
+        the number of the first, and how many they are."""
+        numbers, which = np.unique(across, return_inverse=True)
+        each = np.stack([np.cumsum(numbers**2) - numbers**2, numbers**2], axis=1)
+        places = [np.zeros((0, 4)), *(self.places(int(number)) for number in numbers)]
+        return np.concatenate(places), each.astype(np.int32)[which]
+
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -121,7 +130,9 @@ class View:
         """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
         every = np.arange(columns * rows)
-        return np.asarray(self.boundary_shares(every, 1)[0] > 0).reshape(rows, columns)
+        return np.asarray(self.boundary_shares(every, np.ones_like(every))[0] > 0).reshape(
+            rows, columns
+        )
 
     @cached_property
     def sees_background_alone(self) -> Mask:
@@ -149,31 +160,33 @@ class View:
         out[out] = self.on_background(pixels[out])
         return out
 
-    def boundary_shares(self, pixels: Ints, across: int) -> Floats:
-        """Shares (B, N) of background, wall and patches in pixels (N,), without the medium.
+    def boundary_shares(self, pixels: Ints, across: Ints) -> Floats:
+        """Shares (B, ..., N) of background, wall and patches in pixels (N,), without the medium.
 
-        across^2 lines of sight go through each pixel.
+        `across`^2 (..., N) lines of sight go through each pixel.
         """
         device = self.device
         defines = {**self.defines, **({"USE_FLOAT64": 1} if device.info.float64 else {})}
         program = build(device, "boundary_shares.cl", defines)
-        places, parts = self.places(across), 2 + len(self.patches)
-        out = unset(device, "shares of the boundary", parts * len(pixels), np.int32)
-        if len(pixels):
+        listed, parts = np.broadcast_to(pixels, across.shape).reshape(-1), 2 + len(self.patches)
+        places, ranges = self.rays(across.reshape(-1))
+        out = unset(device, "shares of the boundary", parts * len(listed), np.int32)
+        if len(listed):
             program.launch(
                 "boundary_shares",
-                (len(pixels),),
+                (len(listed),),
                 (min(_GROUP, program.largest_group("boundary_shares")),),
                 {
                     "seen": out,
-                    "list": upload(device, "pixels", pixels.astype(np.int32)),
-                    "count": len(pixels),
+                    "list": upload(device, "pixels", listed.astype(np.int32)),
+                    "count": len(listed),
                     "places": upload(device, "rays", places.astype(program.real)),
-                    "rays": len(places),
+                    "ranges": upload(device, "rays", ranges),
                     **self.lines_of_sight(device, program.real),
                 },
             )
-        return download(device, out, np.empty((parts, len(pixels)), np.int32)) / len(places)
+        ends = download(device, out, np.empty((parts, len(listed)), np.int32))
+        return (ends / ranges[:, 1]).reshape(parts, *across.shape)
 
     def geometry(
         self, device: Device, cells: OpticalCells, real: type[np.floating]

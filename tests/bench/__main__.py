@@ -28,6 +28,7 @@ MEASUREMENTS = (
     "import_fuzz",
     "imported_errors",
     "imports",
+    "line_of_sight",
     "live_timing",
     "memory",
     "mutations",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Reals
 from cldit.bench.case import Cost, clocked
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
@@ -24,7 +23,8 @@ from cldit.transport.discrete_ordinates.moment_source import moment_source
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-from cldit.transport.final_gather.paths import PathSampler
+from cldit.transport.final_gather.paths import ChosenRays, PathSampler
+from cldit.transport.image import ThickPixels
 from cldit.transport.linear_coefficients import device_cells
 from cldit.transport.result import TraceInput
 from cldit.transport.source_iteration import formal_solution, thick_region
@@ -130,29 +130,33 @@ class Kernels:
         image = formal_solution(given, region)
         assert camera.cell_sources is not None
         sampler = PathSampler(image, cells.box(), region, camera.cell_sources, settings, flags)
-        found: list[NDArray[np.int64]] = []
+        found: list[ThickPixels] = []
 
         class Collect:
-            def __call__(self, pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
-                found.append(pixels)
-                return np.zeros((image.at_once, len(seen) + 1, len(pixels)))
+            def __call__(self, groups: Sequence[ThickPixels]) -> list[Floats]:
+                found.extend(groups)
+                return [
+                    np.zeros((image.at_once, len(each.seen) + 1, len(each.pixels)))
+                    for each in groups
+                ]
 
             def affords(self, _: int) -> bool:
                 return True
 
         rays = image.with_sources(list(camera.halves), camera.defect, Collect(), known=camera.known)
         rays.middle()
-        pixels = np.concatenate([np.zeros(0, np.int64), *found])
-        if not len(pixels):
+        if not found:
             return None
-        paths, every = sampler.paths(pixels, 1), np.arange(len(pixels))
+        [group] = found
+        pixels, paths = group.pixels, sampler.paths(found)
+        every = ChosenRays(np.arange(len(pixels)), 1, 0, count // 2)
 
         def cross() -> Floats:
-            return sampler.means(paths, every, 1, range(count), 0)
+            return sampler.means(paths, [every])[0][0]
 
-        crossed = float(cross()[-1].sum())
+        crossed = float(cross()[:, -1].sum())
         region_cells, record = camera.cell_sources.records.shape
-        segments = count * len(pixels)
+        segments = count // 2 * 2 * len(pixels)
         timed = quickest(case, cross)
         return PathSegments(len(pixels), segments, crossed, region_cells, record, timed)
 

@@ -1,4 +1,5 @@
-"""Contract of every camera, background and trigger generator: `cldit.testing`.
+"""Contract of every camera, background and trigger generator: `cldit.testing`; that of filter
+wheels is in `test_filter_wheels.py`.
 
 A driver joins by a rig in `RIGS` (cameras with a trigger line, trigger generators), `CAMERAS` or
 `BACKGROUNDS` of `tests/rigs.py`. Those of real instruments talk over loopback sockets and

@@ -201,12 +201,14 @@ def test_the_rig_files_of_the_docs() -> None:
     seen = []
     for block in re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL):
         data = parse_yaml(block, source="docs/rig.md")
-        for part in ("background", "trigger"):
+        for part in ("filter_wheel", "background", "trigger"):
             choice = data.get(part, {})
-            if choice.get("driver", "").startswith(("modbus", "fluke", "line", "dg", "pulse")):
+            if choice.get("driver", "").startswith(
+                ("modbus", "fluke", "fw", "line", "dg", "pulse")
+            ):
                 load_driver(choice["driver"])(choice["settings"], CONTEXT)
                 seen.append(choice["driver"])
-    assert {"modbus_blackbody", "line_blackbody", "dg645", "pulse_generator"} <= set(seen)
+    assert {"modbus_blackbody", "line_blackbody", "dg645", "pulse_generator", "fw102c"} <= set(seen)
 
 
 def test_a_heater_switch_without_an_answer_does_not_keep_the_set_point(

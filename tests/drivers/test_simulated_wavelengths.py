@@ -17,7 +17,7 @@ from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
-from cldit.run.folder import save_nodes
+from cldit.run.stored_files import save_nodes
 from cldit.scene import Scene, dump_scene, parse_scene
 from drivers.simulated_scene import SceneSettings, _Loaded
 from tests.conftest import tiny_weights

@@ -14,8 +14,10 @@ from cldit.testing.backgrounds import BackgroundSide, background_steps, hot_K
 from cldit.testing.bed import Bed, Make
 from cldit.testing.cameras import camera_steps
 from cldit.testing.triggers import trigger_steps
+from cldit.testing.wheels import WheelSide, wheel_steps
 from tests.emulators.blackbody import FlukePeer, ModbusPeer
 from tests.emulators.dg645 import Dg645Peer
+from tests.emulators.filter_wheel import FilterWheelPeer
 from tests.emulators.gige_camera import GigePeer
 from tests.emulators.line_blackbody import LinePeer
 from tests.emulators.pulse_generator import PulseGeneratorPeer
@@ -309,10 +311,48 @@ def _gige(driver: str, legacy: bool) -> Make:
     return make
 
 
+FILTERS = [
+    {"position": 1, "name": "fuel", "filter_um": [3.3, 3.5], **(_MEASURED := {
+        "integration_time_s": 25e-6, "counts_per_radiance": 1e-18,
+    })},
+    {"position": 2, "name": "droplets", "filter_um": [[3.8, 0.0], [3.9, 0.8], [4.0, 0.0]],
+     **_MEASURED, "offset_counts": 900.0},
+]  # fmt: skip
+
+
+def _fw102c(serial: bool, *, echo: bool = True) -> Make:
+    def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
+        clock = SimulatedClock()  # the driver waits on it for a move
+        peer = stack.enter_context(FilterWheelPeer(clock=clock, serial=serial, echo=echo))
+        usual = {"filters": FILTERS, "moving_s": 0.5}
+
+        def afresh() -> Any:
+            return make_device("fw102c", clock, usual, settings, answer_s, line_to(peer))
+
+        device = afresh()
+        names = {item.position: item.name for item in device.filters}
+
+        def stick() -> None:
+            peer.stuck = True
+
+        side = WheelSide(lambda: names.get(peer.position), peer.turn, stick)
+        return Bed(
+            device, wheel_steps(device, side), lambda: "", (), peer.replies,
+            afresh=afresh, hang_up=peer.unplug, wheel=side,
+        )  # fmt: skip
+
+    return make
+
+
 _CELSIUS = {"temperature_unit": "celsius"}
 
 BEDS: dict[str, dict[str, Make]] = {
     "dg645": {"tcp": _dg645},
+    "fw102c": {
+        "tcp": _fw102c(False),
+        "serial": _fw102c(True),
+        "no-echo": _fw102c(True, echo=False),
+    },
     "fluke418x": {"tcp": _fluke(False), "serial": _fluke(True)},
     "modbus_blackbody": {
         "eurotherm-tcp": _modbus({"model": "eurotherm-3200", **_CELSIUS}, False),

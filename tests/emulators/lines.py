@@ -20,17 +20,23 @@ Answer = Callable[[bytes], bytes]  # the answer to a line; empty for a command w
 
 
 class LineServer:
-    """TCP server of text lines from creation on, at `port`, or a free one for 0."""
+    """TCP server of text lines from creation on, at `port`, or a free one for 0. `end` ends a line
+    that comes in."""
 
-    def __init__(self, host: str, port: int, answer: Answer, replies: Replies) -> None:
+    def __init__(
+        self, host: str, port: int, answer: Answer, replies: Replies, end: bytes = b"\n"
+    ) -> None:
         links: set[Any] = set()
 
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
                 links.add(self.connection)
+                waiting = b""
                 try:
-                    for line in self.rfile:
-                        self.wfile.write(replies.passed(answer(line), TEXT))
+                    while data := self.connection.recv(4096):
+                        *lines, waiting = (waiting + data).split(end)
+                        for line in lines:
+                            self.wfile.write(replies.passed(answer(line), TEXT))
                 except OSError:
                     return
                 finally:
@@ -101,9 +107,9 @@ class Terminals:
 
 
 class Terminal(Terminals):
-    """Answers lines at the terminal `name` from creation on."""
+    """Answers lines that end with `end` at the terminal `name` from creation on."""
 
-    def __init__(self, answer: Answer, replies: Replies) -> None:
+    def __init__(self, answer: Answer, replies: Replies, end: bytes = b"\n") -> None:
         super().__init__()
         master, slave = self.pair()
         self.name = os.ttyname(slave)
@@ -111,8 +117,8 @@ class Terminal(Terminals):
 
         def take(data: bytes) -> None:
             waiting.extend(data)
-            while b"\n" in waiting:
-                line, _, rest = bytes(waiting).partition(b"\n")
+            while end in waiting:
+                line, _, rest = bytes(waiting).partition(end)
                 waiting[:] = rest
                 os.write(master, replies.passed(answer(line), TEXT))
 
@@ -127,14 +133,15 @@ class AtOneLine(ABC):
     serial: str | None
     replies: Replies
     _wants_serial: bool = False
+    _end = b"\n"  # of a line that comes in
     _line: LineServer | Terminal | None = None
 
     def __enter__(self) -> Self:
         if self._wants_serial:
-            self._line = Terminal(self._obey, self.replies)
+            self._line = Terminal(self._obey, self.replies, self._end)
             self.serial = self._line.name
         else:
-            self._line = LineServer(self.host, self.port, self._obey, self.replies)
+            self._line = LineServer(self.host, self.port, self._obey, self.replies, self._end)
             self.port = self._line.port
         return self
 

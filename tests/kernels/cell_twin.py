@@ -1,4 +1,5 @@
-"""NumPy twin, in double precision, of kernels/linear_coefficients.cl and of image.cl's records."""
+"""NumPy twin, in double precision, of kernels/linear_coefficients.cl, of the limiter, and of
+image.cl's records."""
 
 from __future__ import annotations
 
@@ -14,7 +15,6 @@ from cldit.medium.limiter import limited
 from cldit.medium.octree import Octree
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.gradients import _beside
-from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.linear_coefficients import _coarse, _positive
 
 # As |g| is 2 at most, a value of |s| up to 3/2 S has 3/4 S in the middle at least, and falls by 3/4
@@ -24,6 +24,35 @@ _EXTINCTION = ("vapour_absorption", "droplet_absorption", "droplet_scattering")
 _MEAN = 1.0 / 12.0  # of x^2 in a cell of edge 1
 _TOGETHER = 2**18  # cells, for memory
 _CELLS = BRICK**3
+
+
+def limit(gradient: NDArray[np.floating], light: NDArray[np.floating], boundaries: int) -> None:
+    """Limits gradients (3, C, N) in place, so that no component is negative anywhere in a cell.
+
+    The means of the cells (C, N), `light`, are conserved, as by the slope limiters of finite
+    volumes (van Leer, J. Comput. Phys. 32, 1979). The excess of a component goes to the others of
+    its group, the first `boundaries` ones from outside or those that the medium emits, by their
+    shares of the light. So the sums of both groups keep their gradients, which are opposite in an
+    isothermal cavity. If the others cannot take it, all gradients of the cell shrink by one factor.
+    """
+    mean = np.maximum(light, 0)
+    for some in (slice(boundaries), slice(boundaries, None)):
+        total = mean[some].sum(axis=0)
+        gradient *= _allowed(np.abs(gradient[:, some].sum(axis=1)).sum(axis=0), total)
+    for some in (slice(boundaries), slice(boundaries, None)):
+        part, own = mean[some], gradient[:, some]
+        total, change = part.sum(axis=0), own.sum(axis=1)
+        own *= _allowed(np.abs(own).sum(axis=0), part)
+        share = np.divide(part, total, out=np.zeros_like(part), where=total > 0)
+        own += (change - own.sum(axis=1))[:, None] * share
+    if len(mean):
+        gradient *= _allowed(np.abs(gradient).sum(axis=0), mean).min(axis=0)
+
+
+def _allowed(steepness: NDArray[np.floating], mean: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Factors up to 1 with which sums of |gradient| along the axes are at most twice the mean."""
+    most = 2 * mean
+    return np.asarray(np.divide(most, steepness, out=np.ones_like(most), where=steepness > most))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
-"""Runs one helper function of a header in a three-line kernel, so that it can be held to NumPy."""
+"""Runs helper functions of a header in a three-line kernel, so that they can be held to NumPy."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, Protocol
 
@@ -25,7 +26,7 @@ class Apply(Protocol):
     def __call__(
         self,
         header: str,
-        expression: str,
+        expression: str | Sequence[str],
         inputs: list[Floats],
         *,
         defines: str = "",
@@ -36,30 +37,33 @@ class Apply(Protocol):
 def _apply(
     device: Device,
     header: str,
-    expression: str,
+    expression: str | Sequence[str],
     inputs: list[Floats],
     *,
     defines: str = "",
     setup: str = "",
 ) -> Floats:
     """`expression` of a, b, c ... (one number a work-item each, as in `inputs`), after `setup`; in
-    double precision with USE_FLOAT64."""
+    double precision with USE_FLOAT64. Several are compiled at once, and are rows of the result."""
     double = "USE_FLOAT64" in defines
     real: type[np.floating] = np.float64 if double else np.float32
     number = "double" if double else "float"
     names = [chr(ord("a") + i) for i in range(len(inputs))]
     arguments = "".join(f", __global const {number} *{name}_" for name in names)
     loads = " ".join(f"const {number} {name} = {name}_[i];" for name in names)
+    several = (expression,) if isinstance(expression, str) else tuple(expression)
+    lines = " ".join(f"out[{n} * get_global_size(0) + i] = {e};" for n, e in enumerate(several))
     source = (
         f"{defines}\n{assemble(header)}\n__kernel void apply(__global {number} *out{arguments})\n"
-        f"{{ const int i = get_global_id(0); {loads} {setup} out[i] = {expression}; }}\n"
+        f"{{ const int i = get_global_id(0); {loads} {setup} {lines} }}\n"
     )
     program = compiled(device, source).program
     count = len(inputs[0])
-    out = zeros(device, "out", count, real)
+    out = zeros(device, "out", count * len(several), real)
     buffers: list[Any] = [upload(device, "in", array.astype(real)) for array in inputs]
     cl.Kernel(program, "apply")(device.queue, (count,), None, out, *buffers)
-    return download(device, out, np.empty(count, real))
+    shape = (count,) if isinstance(expression, str) else (len(several), count)
+    return download(device, out, np.empty(shape, real))
 
 
 @pytest.fixture(scope="session")

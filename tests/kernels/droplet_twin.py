@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fits import GAS_TERMS, LIQUID_TERMS
 from cldit.spray.droplet.fluids import Fuel, Gas, property_table
 from cldit.spray.droplet.rates import Drop
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
 Pair = tuple[Floats, Floats]
 

@@ -75,22 +75,24 @@ def put(flow: GasFlow, name: str, values: Floats, *, junk: float = JUNK) -> None
     rows[..., : shape[2]] = planes
     guard = np.full((len(planes), (f.cells - rows[0].size) // 2), junk)
     whole = np.concatenate([guard, rows.reshape(len(planes), -1), guard], axis=1)
-    flow.known[name] = upload(f.device, name, whole.astype(f.real))
+    flow.arguments[name] = upload(f.device, name, whole.astype(f.real))
 
 
 def get(flow: GasFlow, name: str, planes: int) -> Floats:
     """All planes of a field (planes, A, P, R)."""
-    return np.stack([flow.fields.read(flow.known[name], plane) for plane in range(planes)])
+    return np.stack([flow.fields.read(flow.arguments[name], plane) for plane in range(planes)])
 
 
 def sums_of(flow: GasFlow) -> Floats:
     """The four sums on the device."""
-    return download(flow.device, flow.known["sums"], np.empty(4, flow.fields.real)).astype(float)
+    return download(flow.device, flow.arguments["sums"], np.empty(4, flow.fields.real)).astype(
+        float
+    )
 
 
 def launch(flow: GasFlow, file: str, kernel: str, **others: Any) -> None:
     """Runs one kernel on the fields of the gas."""
-    flow.fields.bind(f"spray/gas_{file}.cl", kernel, flow.known, **others)(
+    flow.fields.bind(f"spray/gas_{file}.cl", kernel, flow.arguments, **others)(
         step=others.get("step", 1.0)
     )
 

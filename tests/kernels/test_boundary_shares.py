@@ -44,7 +44,7 @@ def test_shares_are_those_of_the_twin(
                             patches=("window", "nozzle"))  # fmt: skip
     view = View.of(scene, cells, device)
     pixels = np.arange(41 * 31)[::2]
-    shares = view.boundary_shares(pixels, across)
+    shares = view.boundary_shares(pixels, np.full(len(pixels), across))
     row, column = np.divmod(pixels, 41)
     right, down, *lens = view.places(across).T
     plane = np.zeros((len(pixels), across**2, 3))

@@ -82,6 +82,8 @@ def test_what_was_built_is_built_once_a_device(device: Device) -> None:
     made = [program.built.program for program in (first, again, other)]
     assert made[0] is made[1] is not made[2]
     assert again.defines == defines
+    more = build(device, "count.cl", {**defines, "ELSEWHERE": 1})
+    assert more.built.program is made[0] and more.defines == defines
 
 
 def test_a_program_is_compiled_under_a_lock(
@@ -98,7 +100,8 @@ def test_a_program_is_compiled_under_a_lock(
 
     monkeypatch.setattr(compilation, "_from_source", watched)
     monkeypatch.setattr(compilation, "default_cache", lambda: tmp_path)
-    build(device, "count.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "LOCKED": 1})
+    defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}
+    build(device, "count.cl", defines, before="#define LOCKED 1")
     [lock] = tmp_path.rglob("*.lock")
     with FileLock(lock, timeout=0):
         pass

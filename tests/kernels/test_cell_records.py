@@ -76,7 +76,9 @@ def tree_of(*, scattering: float = 1.0, vapour: float = 1.0) -> Octree:
     return build_octree(FRAME, None, [source], optical_depth_split=1e-6)
 
 
-@pytest.fixture(params=[np.float32, np.float64], ids=["single", "double"])
+@pytest.fixture(
+    params=[np.float32, pytest.param(np.float64, marks=pytest.mark.slow)], ids=["single", "double"]
+)
 def real(request: pytest.FixtureRequest, device: Device) -> type[np.floating]:
     if request.param is np.float64 and not device.info.float64:
         pytest.skip("the device has no double precision")

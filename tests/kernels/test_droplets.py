@@ -70,13 +70,13 @@ def test_liquid_properties_are_those_of_the_table(apply: Any, tables: Path, name
     )
     rounding = 300 * ULP
     members = ("saturation_pressure", "density", "cp", "latent", "conductivity", "enthalpy")
-    for member, values in zip(members, wanted, strict=True):
-        got = apply(
-            "spray/droplet_properties.h",
-            f"liquid_at(b_, a).{member}",
-            [kelvin, padded],
-            defines="#define SIMD_WIDTH 1",
-        ).astype(float)
+    rows = apply(
+        "spray/droplet_properties.h",
+        [f"liquid_at(b_, a).{member}" for member in members],
+        [kelvin, padded],
+        defines="#define SIMD_WIDTH 1",
+    ).astype(float)
+    for member, got, values in zip(members, rows, wanted, strict=True):
         if member == "saturation_pressure":
             assert np.abs(np.log(got) - values).max() < LARGEST_LN_ERROR + rounding
         elif member == "enthalpy":
@@ -95,14 +95,15 @@ def test_gas_properties_are_those_of_the_table(apply: Any, tables: Path, name: s
     padded = np.zeros(len(kelvin))
     padded[: len(known)] = known
     function = "carrier_at" if name in GASES else "vapour_at"
-    for member in ("cp", "conductivity", "viscosity"):
-        got = apply(
-            "spray/droplet_properties.h",
-            f"{function}(b_, a).{member}",
-            [kelvin, padded],
-            defines="#define SIMD_WIDTH 1",
-        )
-        wanted = source.one(member, kelvin)
+    members = ("cp", "conductivity", "viscosity")
+    rows = apply(
+        "spray/droplet_properties.h",
+        [f"{function}(b_, a).{member}" for member in members],
+        [kelvin, padded],
+        defines="#define SIMD_WIDTH 1",
+    )
+    for member, got in zip(members, rows, strict=True):
+        wanted = source.value(member, kelvin)
         # The sum of the coefficients' sizes is up to 30 of the value: 30 ULP.
         assert np.abs(got / wanted - 1).max() < LARGEST_ERROR + 30 * ULP, member
 
@@ -203,7 +204,7 @@ def test_rates(
         limit += 1e-6 if real is np.float64 else 1e-3
     unit = np.pi * drop.diameter_m * film.diffusion_kg_m_s * 2 * (1 + film.reynolds**0.5)
     assert np.all(np.abs(mass - rates[0]) <= limit * np.maximum(np.abs(rates[0]), unit))
-    latent = heptane.liquid.one("latent", drop.temperature_K)
+    latent = heptane.liquid.value("latent", drop.temperature_K)
     parts = np.abs(rates[0]) * latent + np.abs(rates[1]) + unit * latent
     assert np.all(np.abs(heat - rates[1]) <= limit * parts)
 
@@ -227,14 +228,14 @@ def test_exchange_coefficients(apply: Any, heptane: Fuel, nitrogen: Gas) -> None
         "surface": film.surface,
     }  # fmt: skip
     gas = (drop.gas_temperature_K, drop.pressure_Pa, drop.vapour)
-    for name, values in expected.items():
-        got = apply(
-            "spray/droplet_film.h",
-            f"all.{name}",
-            [*gas, mass, drop.temperature_K, drop.slip_m_s, padded],
-            defines="#define SIMD_WIDTH 1",
-            setup="FarGas gas = {a, b, c}; Exchange all = exchange_of(g_, gas, d, e, f);",
-        )
+    rows = apply(
+        "spray/droplet_film.h",
+        [f"all.{name}" for name in expected],
+        [*gas, mass, drop.temperature_K, drop.slip_m_s, padded],
+        defines="#define SIMD_WIDTH 1",
+        setup="FarGas gas = {a, b, c}; Exchange all = exchange_of(g_, gas, d, e, f);",
+    )
+    for got, (name, values) in zip(rows, expected.items(), strict=True):
         limit = 2 * tolerance(np.float32) * (1 / (1 - film.surface) if name == "mass" else 1.0)
         assert np.all(np.abs(got / values - 1) < limit), name
 
@@ -329,7 +330,7 @@ def test_a_history_is_its_steps(device: Device, heptane: Fuel, nitrogen: Gas, wi
     """Of droplets through other gas in each step, of which some vanish, as step by step."""
     model = MODELS["abramzon-sirignano"]
     defines = {**model.defines, "SIMD_WIDTH": width}
-    program = build(device, "spray/droplets.cl", defines, before=model.source)
+    program = build(device, "spray/droplets.cl", defines, preamble=model.source)
     eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
     kernels = replace(eight, program=program, width=width)
     mass, temperature, speed, *_ = crowd(heptane, drops(heptane, 13))["droplets"]

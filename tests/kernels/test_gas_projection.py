@@ -30,7 +30,7 @@ def test_mass_fluxes_and_imbalance(gas_flow: GasFlow) -> None:
     wanted = twin.outflow(flux) - expansion * density / STEP_S * volume
     assert_close(gas_flow.read("potential"), wanted, real)
     put(gas_flow, "potential", wanted)
-    gas_flow._add_up(gas_flow.known["potential"], 2, 1.0)()
+    gas_flow._add_up(gas_flow.arguments["potential"], 2, 1.0)()
     launch(gas_flow, "projection", "balance", whole=float(volume.sum()))
     even = wanted.sum() / volume.sum() * volume - wanted
     assert_close(gas_flow.read("potential"), even, real)
@@ -43,7 +43,7 @@ def test_the_potential_gives_the_wanted_outflow(gas_flow: GasFlow) -> None:
     amiss = drawn(gas_flow) * volume
     amiss -= amiss.sum() / volume.sum() * volume
     put(gas_flow, "potential", amiss, junk=0.0)
-    for each in gas_flow._solve.launches(gas_flow.known["potential"]):
+    for each in gas_flow._solve.launches(gas_flow.arguments["potential"]):
         each()
     potential = gas_flow.read("potential")
     out = twin.outflow(twin.gradient_fluxes(potential))

@@ -126,12 +126,12 @@ def test_sums_and_compression(gas_flow: GasFlow) -> None:
         ("own", own), ("enthalpy", enthalpy), ("density", density), ("kept", kept), ("share", share)
     ):  # fmt: skip
         put(flow, name, planes, junk=1e9)
-    flow._add_up(flow.known["own"], 0, 1.0 / float(volume.sum()))()
+    flow._add_up(flow.arguments["own"], 0, 1.0 / float(volume.sum()))()
     mean = float(own.sum() / volume.sum())
     assert sums_of(flow)[0] == pytest.approx(mean, rel=50 * eps)
     assert sums_of(flow)[1] == pytest.approx(PRESSURE_Pa, rel=eps)
     known = np.array([mean, PRESSURE_Pa, 0.0, 0.0])
-    flow.known["common"] = upload(flow.device, "common", known.astype(real))
+    flow.arguments["common"] = upload(flow.device, "common", known.astype(real))
     launch(flow, "state", "compress", step=step_s)
     error = own / volume / mean - 1
     rise = float(real(mean)) - PRESSURE_Pa
@@ -150,7 +150,7 @@ def test_sums_of_parcels_become_fields(gas_flow: GasFlow) -> None:
     units = np.array([2.0**-30, 2.0**-35])
     launch(
         flow, "receipt", "as_fields", kinds=2,
-        sums=upload(flow.device, "sums", sums), fields=flow.known["values"],
+        sums=upload(flow.device, "sums", sums), fields=flow.arguments["values"],
         units=f.table("units", units), copies=flow.grid.copies,
     )  # fmt: skip
     shape = (*flow.grid.shape[:2], f.stride)
@@ -178,16 +178,18 @@ def test_padded_cells_change_nothing_and_stay_finite(gas_flow: GasFlow) -> None:
             # A flux of a padded cell is that through the outer wall; kernels write 0.
             put(flow, name, planes, junk=0.0 if name == "flux" else junk)
         sums = np.array([PRESSURE_Pa, PRESSURE_Pa, 0.0, 0.0], flow.fields.real)
-        flow.sums = flow.known["common"] = flow.known["sums"] = upload(flow.device, "s", sums)
+        flow.sums = flow.arguments["common"] = flow.arguments["sums"] = upload(
+            flow.device, "s", sums
+        )
         for name in ("density", "velocity", "fuel", "enthalpy", "temperature"):
-            setattr(flow, name, flow.known[name])
+            setattr(flow, name, flow.arguments[name])
         flow._source_pressure = flow._bind("sources", "source_pressure")
         flow._steps = flow._launches()
         flow.step(2e-6)
         results.append(np.concatenate([flow.read("velocity"), flow.read("density")[None]]))
         flow.step(4e-5, steps=20)
         plane_bytes = flow.fields.cells * np.dtype(flow.fields.real).itemsize
-        for name, buffer in flow.known.items():
+        for name, buffer in flow.arguments.items():
             if getattr(buffer, "size", 0) >= plane_bytes:
                 planes = buffer.size // plane_bytes
                 whole = np.empty(planes * flow.fields.cells, flow.fields.real)

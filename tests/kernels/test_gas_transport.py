@@ -117,7 +117,7 @@ def test_mixing(gas_flow: GasFlow, axis: int, factor: float) -> None:
         ("diffusion", diffusion),
     ):  # fmt: skip
         put(gas_flow, name, planes)
-    known = gas_flow.known
+    known = gas_flow.arguments
     common: dict[str, Any] = {"mass": known["mass"], "flux": known["rest"]}
     if axis == 2:
         even = STEP_S * diffusion[1]
@@ -151,7 +151,7 @@ def test_lines_of_one_and_two_cells(gas_device: Device, polars: int) -> None:
     for name, planes in (("mass", mass), ("exchange", exchange), ("values", values)):
         put(flow, name, planes)
     put(flow, "rest", still, junk=0.0)
-    known = flow.known
+    known = flow.arguments
     for each in flow.mixing.launches(
         known["values"], 1, mass=known["mass"], flux=known["rest"],
         exchange=(known["exchange"],) * 2, factor=1.0,

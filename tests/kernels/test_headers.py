@@ -20,6 +20,7 @@ from .reference import absorbed
 # series is cut at t^5/120, 3e-9 of its value at the switch. 8 ulp of float32 bounds both branches,
 # but for 1 - exp(-t) just above the switch, where exp's 3 ulp of 1 are 3 ulp / 0.05 of the value.
 ULP = float(np.finfo(np.float32).eps)
+RAY = ("px", "py", "pz", "dx", "dy", "dz", "start")
 DEPTHS = np.concatenate(
     [[0.0], np.logspace(-12, 8, 400), np.nextafter(np.float32(0.05), [0, 1]), [0.05]]
 ).astype(np.float32)
@@ -174,15 +175,13 @@ def test_pinhole_rays(apply: Any) -> None:
     columns, rows, distance = 8, 6, 100.0
     row, column = np.divmod(np.arange(columns * rows), columns)
     call = "pixel_ray((int)a, (int)b, 8, 6, (float4)(1.0f, 2.0f, 3.0f, 0.0f), 2.0f, 4.0f, 100.0f)"
-    fields = {
-        name: apply(
-            "ray.h",
-            f"{call}.{name}",
-            [column.astype(np.float32), row.astype(np.float32)],
-            defines="#define CAMERA_PINHOLE 1",
-        ).astype(float)
-        for name in ("px", "py", "pz", "dx", "dy", "dz", "start")
-    }
+    got = apply(
+        "ray.h",
+        [f"{call}.{name}" for name in RAY],
+        [column.astype(np.float32), row.astype(np.float32)],
+        defines="#define CAMERA_PINHOLE 1",
+    )
+    fields = dict(zip(RAY, got.astype(float), strict=True))
     np.testing.assert_allclose(fields["px"], 1 + (column + 0.5 - 4) * 2, atol=1e-5)
     np.testing.assert_allclose(fields["pz"], 3 + (3 - row - 0.5) * 4, atol=1e-5)
     norm = fields["dx"] ** 2 + fields["dy"] ** 2 + fields["dz"] ** 2
@@ -198,15 +197,13 @@ def test_rays_through_points_of_the_lens(apply: Any) -> None:
     across, down = rng.uniform(-1.0, 8.0, (2, 60)).astype(np.float32)
     lens_x, lens_z = rng.uniform(-5.0, 5.0, (2, 60)).astype(np.float32)
     camera = "8, 6, (float4)(1.0f, 2.0f, 3.0f, 0.0f), 2.0f, 4.0f, 100.0f"
-    fields = {
-        name: apply(
-            "ray.h",
-            f"ray_at(a, b, c, d, {camera}).{name}",
-            [across, down, lens_x, lens_z],
-            defines="#define CAMERA_PINHOLE 1",
-        ).astype(float)
-        for name in ("px", "py", "pz", "dx", "dy", "dz", "start")
-    }
+    got = apply(
+        "ray.h",
+        [f"ray_at(a, b, c, d, {camera}).{name}" for name in RAY],
+        [across, down, lens_x, lens_z],
+        defines="#define CAMERA_PINHOLE 1",
+    )
+    fields = dict(zip(RAY, got.astype(float), strict=True))
     place = np.array([1.0 + (across - 4.0) * 2.0, np.full(60, 2.0), 3.0 + (3.0 - down) * 4.0])
     lens = np.array([1.0 + lens_x, np.full(60, -98.0), 3.0 + lens_z])
     along = (place - lens) / np.linalg.norm(place - lens, axis=0)
@@ -220,9 +217,10 @@ def test_rays_through_points_of_the_lens(apply: Any) -> None:
 def test_orthographic_rays(apply: Any) -> None:
     call = "pixel_ray((int)a, 0, 4, 1, (float4)(0.0f), 1.0f, 1.0f, 50.0f)"
     column = np.arange(4, dtype=np.float32)
-    for name, expected in (("dx", 0.0), ("dy", 1.0), ("dz", 0.0), ("start", -50.0)):
-        got = apply("ray.h", f"{call}.{name}", [column], defines="#define CAMERA_ORTHOGRAPHIC 1")
-        np.testing.assert_array_equal(got, np.full(4, expected))
+    expected = {"dx": 0.0, "dy": 1.0, "dz": 0.0, "start": -50.0}
+    calls = [f"{call}.{name}" for name in expected]
+    got = apply("ray.h", calls, [column], defines="#define CAMERA_ORTHOGRAPHIC 1")
+    np.testing.assert_array_equal(got, np.tile([*expected.values()], (4, 1)).T)
 
 
 def test_what_is_seen_at_a_height_is_1_on_average(apply: Any) -> None:

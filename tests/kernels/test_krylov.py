@@ -9,7 +9,7 @@ import pyopencl as cl
 import pytest
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import download, zeros
+from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.discrete_ordinates.krylov import KrylovSpace
@@ -26,10 +26,24 @@ def space_of(device: Device, count: int, vector: int) -> tuple[KrylovSpace, Scat
     return KrylovSpace(cells, np.linspace(0, 1, count)), cells
 
 
-def put(device: Device, space: KrylovSpace, buffer: Any, values: NDArray[np.floating]) -> None:
-    padded = np.zeros((PARTS, space.stride), np.float32)
-    padded[:, : values.shape[1]] = values
-    cl.enqueue_copy(device.queue, buffer, padded)
+def multiply(
+    device: Device, space: KrylovSpace, cells: ScatteringCells, image: NDArray[np.floating], n: int
+) -> None:
+    """Makes `image` the residual of a sweep: without scattering it is the source, with the sign of
+    a coalbedo of -1. It gets its products with n vectors."""
+    count = cells.count
+    cl.enqueue_copy(device.queue, cells.source, np.ascontiguousarray(image, np.float32))
+    one, none = np.ones(count, np.float32), np.zeros((PARTS, count), np.float32)
+    space.residual(
+        space.image if n else space.left,
+        number=n,
+        i_minus_s=upload(device, "I - S", none),
+        emission=upload(device, "emission", none),
+        albedo=upload(device, "albedo", one),
+        coalbedo=upload(device, "coalbedo", -one),
+        one_minus_lambda=upload(device, "1 - Lambda*", one),
+        shine=0.0,
+    )
 
 
 def rms(values: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -46,9 +60,10 @@ def test_a_krylov_space_is_numpys(device: Device, vector: int, count: int) -> No
     space, cells = space_of(device, count, vector)
     residual = rng.normal(size=(PARTS, count)).astype(np.float32)
     residual[1] = 0.0  # a component without a residual has vectors of 0
-    put(device, space, space.left, residual)
-    start, peak = space.measured()
+    multiply(device, space, cells, residual, 0)
+    start, peak, source = space.measured()
     np.testing.assert_allclose(start, rms(residual), rtol=1e-6)
+    np.testing.assert_array_equal(source, start)
     assert peak == pytest.approx(np.abs(residual * np.linspace(0, 1, count)).max(), rel=1e-6)
     space.begin()
     live = np.array([0, 2, 3])
@@ -56,7 +71,7 @@ def test_a_krylov_space_is_numpys(device: Device, vector: int, count: int) -> No
     for n in range(1, number):
         image = (residual + 1e-3 * rng.normal(size=residual.shape)).astype(np.float32)
         image[1] = 0.0
-        put(device, space, space.image, image)
+        multiply(device, space, cells, image, n)
         products, length = space.extend(n)
         rest = image[live].astype(np.float64)
         expected = np.zeros((n, len(live)))
@@ -95,11 +110,11 @@ def test_sums_repeat_to_the_last_bit(device: Device, vector: int) -> None:
     values = np.random.default_rng(2).normal(size=(PARTS, 9999))
     results = []
     for _ in range(4):
-        space, _ = space_of(device, 9999, vector)
-        put(device, space, space.left, values)
-        put(device, space, space.image, np.roll(values, 7, axis=1))
+        space, cells = space_of(device, 9999, vector)
+        multiply(device, space, cells, values, 0)
         sizes = space.measured()
         space.begin()
+        multiply(device, space, cells, np.roll(values, 7, axis=1), 1)
         results.append((*sizes, *space.extend(1), space.read(space.image)))
     for other in results[1:]:
         for ours, theirs in zip(results[0], other, strict=True):

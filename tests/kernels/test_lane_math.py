@@ -12,7 +12,13 @@ from cldit.gpu.device import Device
 SINGLE, DOUBLE = np.finfo(np.float32), np.finfo(np.float64)
 
 
-@pytest.fixture(params=["one", "eight", "one double", "eight double"])
+@pytest.fixture(
+    params=[
+        "one",
+        "eight double",
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("eight", "one double")),
+    ]
+)
 def lanes(request: pytest.FixtureRequest, apply: Any, device: Device) -> Any:
     """Function that applies an expression of `v` to numbers in lane i % 8, and its precision."""
     double = "double" in request.param

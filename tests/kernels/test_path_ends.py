@@ -26,6 +26,7 @@ def traced(device: Device, scatterings: int, **changed: Any) -> Trace:
         method="path",
         max_samples=128,
         accuracy_K=0.01,
+        gather=False,
         tuning=Tuning(path_scatterings=scatterings, audit_samples_least=128),
     )
     tree = random_tree(6, scattering=30.0)

@@ -107,7 +107,7 @@ def test_voxels_are_means_of_the_linear_field(jet: tuple[str, GasFlow]) -> None:
     vapour, temperature = flow.read("fuel"), flow.read("temperature")
     least = 1e-7 * float(vapour.max())
     factor = np.random.default_rng(1).uniform(0.5, 1.5, flow.grid.shape[2])
-    filling = Filling(flow, vapour, least=least)
+    filling = Filling(flow, vapour, threshold=least)
     axis = _axis(KINDS[name][0])
     for far_m, edge_m, points in ((20e-3, 0.3e-3, 1), (6e-3, 0.3e-3, 2), (0.8e-3, 0.25e-3, 6)):
         corner = far_m * axis - 5 * edge_m

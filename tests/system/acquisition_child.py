@@ -96,8 +96,8 @@ def arm(point: str, number: int, rig: Rig) -> None:
         sequence_module.save_shot = dying_save  # type: ignore[attr-defined]
     elif point == "folder":  # between the files that are written before the first shot
 
-        def dying_text(path: Path, text: str) -> None:
-            write_text(path, text)
+        def dying_text(path: Path, content: str) -> None:
+            write_text(path, content)
             if reached():
                 die()
 

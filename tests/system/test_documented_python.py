@@ -117,6 +117,7 @@ def gdi(here: Path) -> None:
     (here / "gdi").write_text(dump_scene(parse_scene(data)), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("gdi")
 def test_readme(here: Path) -> None:
     names = run("README.md")
@@ -124,6 +125,7 @@ def test_readme(here: Path) -> None:
     assert (here / "runs" / "traced" / "scene.yaml").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_importing() -> None:
     """The file of the page's script is read as it says."""

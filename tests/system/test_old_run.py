@@ -39,6 +39,7 @@ def test_the_run_is_read(folder: Path) -> None:
     np.testing.assert_allclose(run.maps.emissivity[seen], emissivity[seen], atol=1e-4)
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_the_acquisition_is_evaluated(folder: Path) -> None:
     """As 0.1.0 did, to a quarter of the stated error; errors are other estimates of the shots'
     scatter, so that a pixel near three errors of its emissivity may have a temperature or not."""

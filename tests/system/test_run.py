@@ -148,6 +148,7 @@ def test_a_taken_name_gets_a_new_folder(
     assert not (tmp_path / "runs/empty-3").exists()
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_acquire_evaluate_show(finished: Path) -> None:
     out = finished.parent / "again"
     files = (finished / "rig.yaml", finished / "plan.yaml")
@@ -220,6 +221,7 @@ def test_one_background_can_be_traced_but_not_evaluated(tmp_path: Path) -> None:
     data = cldit.load_scene("droplets-only").model_dump(mode="json")
     data["camera"]["pixels"] = [20, 20]
     data["domain"]["leaf_edge_m"] = 5e-3
+    data["transport"] |= {"audit": False, "order": 0}
     data["background"]["temperatures_K"] = [450.0]
     scene = cldit.Scene.from_dict(data)
     run = cldit.simulate(scene, tmp_path / "traced")

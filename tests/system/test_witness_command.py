@@ -52,6 +52,7 @@ def test_what_is_found_is_printed(tmp_path: Path, fault: dict[str, Any], text: s
     assert np.all((total >= statistical)[np.isfinite(total)])
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_severe_findings_end_the_evaluation_unless_accepted(tmp_path: Path) -> None:
     made = laboratory(2, shape=SHAPE, blackbody_of_injections_K=5.0)
     write_measured(tmp_path, made)

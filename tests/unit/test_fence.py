@@ -2,8 +2,9 @@
 
 `BUDGETS` has the raw lines that each room may have, in steps of 250, `ARROWS` the rooms that each
 room may import from, deferred imports and imports for type checking included. Budgets and arrows
-only fall; one that must grow is changed in the same commit, with the reason in its message. `python
-tests/unit/test_fence.py` prints lines, files, classes and imports by room.
+only fall; one that must grow is changed in the same commit, with the reason in its message. No two
+files import each other, directly or through others. `python tests/unit/test_fence.py` prints lines,
+files, classes and imports by room.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ STEP = 250  # lines: a limit, not a line to edit in every commit
 
 BUDGETS: dict[str, int] = {
     "accuracy": 3750,
-    "acquisition": 5500,
-    "api": 1750,
+    "acquisition": 5750,
+    "api": 1500,
     "bench": 750,
     "camera": 750,
     "cfd": 9750,
@@ -31,7 +32,7 @@ BUDGETS: dict[str, int] = {
     "cli": 2750,
     "comparison": 2750,
     "dit": 7000,
-    "drivers": 4000,
+    "drivers": 4250,
     "gpu": 1250,
     "io": 2000,
     "kernels": 6250,
@@ -48,6 +49,7 @@ BUDGETS: dict[str, int] = {
     "testing": 1500,
     "transport": 7500,
 }
+NO_MODULES = {"cldit", "cldit.drivers"}  # as texts: the distribution, and a group of entry points
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
     "acquisition": "camera cldit io optics radiance rig scene",
@@ -55,7 +57,7 @@ ARROWS: dict[str, str] = {
     "bench": "accuracy cldit gpu io run scene show",
     "camera": "cldit optics scene",
     "cfd": "cldit io scene spray",
-    "cldit": "api cfd cli comparison gpu run scene show study",
+    "cldit": "api cfd cli comparison gpu io run scene show study",
     "cli": (
         "accuracy acquisition api bench cfd cldit comparison dit gpu io prepare rig run "
         "scene show spray study testing"
@@ -104,27 +106,75 @@ def lines(room: str) -> int:
     return sum(lines_of(path) for path in sources()[room])
 
 
+def module_of(path: Path) -> str:
+    """Name under which a file is imported."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = parts if parts[0] == "cldit" else ("cldit", *parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Files of the package by the name of the module."""
+    return {module_of(path): path for paths in sources().values() for path in paths
+            if path.suffix == ".py"}  # fmt: skip
+
+
+@cache
+def imports(path: Path) -> frozenset[str]:
+    """Modules of the package that a file imports: in functions, for type checking, and those whose
+    names are texts in a file that calls `import_module`."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    by_name = any(isinstance(node, ast.Name) and node.id == "import_module" for node in nodes)
+    names: set[str] = set()
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            members = (f"{node.module}.{alias.name}" for alias in node.names)
+            names |= {name if name in modules() else node.module for name in members}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif by_name and isinstance(node, ast.Constant) and isinstance(node.value, str):
+            names |= {node.value.partition(":")[0]} - NO_MODULES
+    return frozenset(names & modules().keys() - {module_of(path)})
+
+
 @cache
 def arrows(room: str) -> frozenset[str]:
-    """Rooms that a room imports from, in functions and for type checking too."""
-    found: set[str] = set()
-    for path in sources()[room]:
-        if path.suffix != ".py":
-            continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names: list[str] = []
-            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                names = [node.module]
-                if node.module == "cldit":
-                    names = [f"cldit.{alias.name}" for alias in node.names]
-            elif isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            for name in names:
-                top, _, rest = name.partition(".")
-                if top == "cldit" and rest:
-                    inner = rest.partition(".")[0]
-                    found.add(inner if inner in sources() else "cldit")
-    return frozenset(found - {room})
+    """Rooms that a room imports from."""
+    rooms = {module_of(path): name for name, paths in sources().items() for path in paths}
+    files = (path for path in sources()[room] if path.suffix == ".py")
+    return frozenset({rooms[name] for path in files for name in imports(path)} - {room})
+
+
+def circles() -> list[list[str]]:
+    """Groups of files that import each other, directly or through others (Tarjan 1972)."""
+    graph = {name: sorted(imports(path)) for name, path in modules().items()}
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    groups: list[list[str]] = []
+
+    def visit(name: str) -> None:
+        index[name] = low[name] = len(index)
+        stack.append(name)
+        for imported in graph[name]:
+            if imported not in index:
+                visit(imported)
+            if imported in stack:
+                low[name] = min(low[name], low[imported])
+        if low[name] == index[name]:
+            group = stack[stack.index(name) :]
+            del stack[stack.index(name) :]
+            groups.extend([sorted(group)] if len(group) > 1 else [])
+
+    for name in graph:
+        if name not in index:
+            visit(name)
+    return groups
+
+
+def test_no_files_import_each_other() -> None:
+    assert not circles()
 
 
 @pytest.mark.parametrize("room", sorted(sources()))

@@ -1,4 +1,5 @@
-"""Files are written, YAML is loaded, caches are found and text is printed in one place each."""
+"""Files are written, YAML is loaded, caches are found, text is printed and constants of nature and
+units are written in one place each."""
 
 from __future__ import annotations
 
@@ -9,9 +10,12 @@ from pathlib import Path
 import pytest
 
 import cldit
+from cldit import constants
 
 ROOT = Path(cldit.__file__).parent
 FILES = sorted([*ROOT.rglob("*.py"), *(ROOT / "drivers").resolve().rglob("*.py")])
+
+CONSTANTS = {value for value in vars(constants).values() if isinstance(value, float)}
 
 # What may be done where; all else is forbidden everywhere.
 PLACES: dict[str, set[str]] = {
@@ -32,6 +36,7 @@ PLACES: dict[str, set[str]] = {
     # resources of the package, pages that the same command wrote, /proc
     "read_text": {"program.py", "kernel_source.py", "liquid.py", "vapour.py", "load.py"}
     | {"free_memory.py"},
+    "constant": {"constants.py"},
 }
 
 
@@ -59,6 +64,8 @@ def found(tree: ast.AST) -> Iterator[tuple[str, int]]:
                     yield name.partition(".")[0], node.lineno
         if isinstance(node, ast.Attribute) and _name(node) in ("sys.stdout", "sys.stderr"):
             yield "stdout", node.lineno
+        if isinstance(node, ast.Constant) and node.value in CONSTANTS:
+            yield "constant", node.lineno
         if not isinstance(node, ast.Call):
             continue
         name = _name(node.func)
@@ -106,7 +113,15 @@ def test_nothing_goes_past_the_one_place() -> None:
         ("os.open(path, 0)", "os.open"),
         ("figure.savefig(path)", "savefig"),
         ("path.read_text()", "read_text"),
+        ("kelvin - 273.15", "constant"),
+        ("{'atm': 101325}", "constant"),
     ],
 )
 def test_the_walk_sees_it(text: str, what: str) -> None:
     assert [each for each, _ in found(ast.parse(text))] == [what]
+
+
+def test_the_gas_constant_is_the_product() -> None:
+    """Its literal is rounded from the exact product, whose float is within two roundings."""
+    product = constants.AVOGADRO_PER_MOL * constants.BOLTZMANN_J_K
+    assert constants.GAS_CONSTANT_J_mol_K == pytest.approx(product, rel=2.0**-52, abs=0.0)

@@ -76,7 +76,7 @@ def reference(case: Case, kernels: DropletKernels) -> Reference:
         s = max(float(y[0]), _CUT)
         mass = first * s**1.5
         rate, heat = _rates(case, kernels, mass, float(y[1]))
-        cp = float(fuel.liquid.one("cp", y[1]))
+        cp = float(fuel.liquid.value("cp", y[1]))
         return -2 / 3 * s * rate / mass, heat / (mass * cp)
 
     def cut(_: float, y: Floats) -> float:
@@ -139,7 +139,7 @@ def explicit_euler(case: Case, kernels: DropletKernels, *, half_s: float, steps:
         rate, heat = _rates(case, kernels, mass, warm)
         if mass <= rate * step:
             return Reference(number * step + mass / rate, left)
-        warm += step * heat / (mass * float(fuel.liquid.one("cp", warm)))
+        warm += step * heat / (mass * float(fuel.liquid.value("cp", warm)))
         mass -= rate * step
         if not fuel.liquid.low_K < warm < fuel.liquid.high_K:
             break

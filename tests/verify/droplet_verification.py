@@ -36,7 +36,7 @@ def wet_bulb(kernels: DropletKernels, *, gas_K: float, pressure_Pa: float) -> Fl
         at = replace(drop, temperature_K=np.array([middle]))
         low, high = (middle, high) if rates(at, kernels).heat_W[0] > 0 else (low, middle)
     rate = rates(replace(drop, temperature_K=np.array([low])), kernels).mass_kg_s[0]
-    density = float(fuel.liquid.one("density", low))
+    density = float(fuel.liquid.value("density", low))
     return np.array([low, 1e6 * 4 * rate / (np.pi * density * d)])
 
 

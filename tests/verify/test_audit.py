@@ -156,6 +156,7 @@ def test_light_from_all_of_a_pixel(run_block: Callable[..., Run], rays: Any) -> 
     assert several.info.accuracy_K == pytest.approx(one.info.accuracy_K, rel=0.2)
 
 
+@pytest.mark.slow
 def test_thin_isotropic_media_are_audited(run_block: Callable[..., Run]) -> None:
     """Two large cells across, whose sources are not as smooth as the picture has them: halves
     of many directions agree on an error that the audit finds."""
@@ -179,9 +180,11 @@ def test_thin_isotropic_media_are_audited(run_block: Callable[..., Run]) -> None
 @pytest.mark.parametrize(
     ("albedo", "walls_K"),
     [
-        (1.0, 370.0),  # a conservative medium sees its walls alone: 0.5 K without the quotient ...
+        # A conservative medium sees its walls alone: 0.5 K without the quotient ...
+        pytest.param(1.0, 370.0, marks=pytest.mark.slow),
         (1.0, 5000.0),  # ... and 27 K
-        (0.9, 370.0),  # at one temperature everything looks alike
+        # At one temperature everything looks alike.
+        pytest.param(0.9, 370.0, marks=pytest.mark.slow),
     ],
 )
 def test_paths_are_balanced(run_block: Callable[..., Run], albedo: float, walls_K: float) -> None:
@@ -195,7 +198,7 @@ def test_paths_are_balanced(run_block: Callable[..., Run], albedo: float, walls_
         "droplet_scattering_per_m": albedo * 0.5 / CELL,
         "droplet_temperature_K": 370.0,
     }
-    scene = SCENE | {"walls": {"temperature_K": walls_K}, "camera": camera(12, 5 * CELL)}
+    scene = SCENE | {"walls": {"temperature_K": walls_K}, "camera": camera(4, 5 * CELL)}
     scene["background"] = SCENE["background"] | {"temperatures_K": [300.0, 1000.0]}
     run = run_block(block, **scene, transport={"phase": "isotropic", "audit": True})
     seen_K = run.maps.apparent_temperature_K[run.maps.has_temperature]
@@ -209,7 +212,7 @@ def test_unknown_is_said(run_block: Callable[..., Run]) -> None:
     """A background that no pixel sees: nowhere is there an apparent temperature."""
     scene = SCENE | {"camera": camera(8)}  # no pixel has its middle on the axis
     scene["background"] = SCENE["background"] | {"radius_m": 1e-6}
-    transport = {"directions": 16, "phase": "isotropic", "audit": True}
+    transport = {"directions": 8, "phase": PHASE, "gather": False, "audit": True}
     run = run_block(BLOCK, **scene, transport=transport)
     assert not np.isfinite(run.maps.apparent_temperature_K).any()
     assert run.info.accuracy_K is None

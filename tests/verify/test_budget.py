@@ -51,9 +51,10 @@ def test_cells_of_joined_voxels_have_an_error_of_their_own(run_block: Callable[.
     assert cells is not None and 0.0 < cells < 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "phase",
-    ["isotropic", pytest.param({"henyey_greenstein": 0.85}, marks=pytest.mark.slow)],
+    ["isotropic", {"henyey_greenstein": 0.85}],
     ids=["isotropic", "forward"],
 )
 def test_voxels_each_of_their_own(device: Device, tmp_path: Path, phase: Any) -> None:

@@ -47,9 +47,15 @@ def test_flat(run_block: Callable[..., Run], depth: float, albedo: float) -> Non
 
 @pytest.mark.parametrize(
     ("depth", "albedo", "vapour"),
-    [(1.0, 1.0, 0.3), (1e4, 0.999, 0.0), (1e4, 1.0, 0.3), (1e6, 0.0, 0.0), (1e6, 0.999, 0.3),
-     (1e6, 1.0, 0.0)],
-)  # fmt: skip
+    [
+        (1.0, 1.0, 0.3),
+        pytest.param(1e4, 0.999, 0.0, marks=pytest.mark.slow),
+        (1e4, 1.0, 0.3),
+        pytest.param(1e6, 0.0, 0.0, marks=pytest.mark.slow),
+        (1e6, 0.999, 0.3),
+        pytest.param(1e6, 1.0, 0.0, marks=pytest.mark.slow),
+    ],
+)
 def test_flat_at_the_extremes(
     run_block: Callable[..., Run], depth: float, albedo: float, vapour: float
 ) -> None:
@@ -59,7 +65,7 @@ def test_flat_at_the_extremes(
     assert all(np.isfinite(image).all() for image in (run.weights.background, run.weights.wall))
 
 
-@pytest.mark.parametrize("order", [0, 1, 3])
+@pytest.mark.parametrize("order", [*(pytest.param(n, marks=pytest.mark.slow) for n in (0, 3)), 1])
 def test_flat_at_every_order(run_block: Callable[..., Run], order: int) -> None:
     """Beyond the last order stands the wall, so truncated answers close as well."""
     run = cavity(run_block, depth=0.5, albedo=0.7, vapour=0.1, transport={"order": order})
@@ -68,7 +74,11 @@ def test_flat_at_every_order(run_block: Callable[..., Run], order: int) -> None:
 
 @pytest.mark.parametrize(
     ("g", "model", "order"),
-    [(0.85, "pinhole", 0), (0.85, "pinhole", None), (-0.4, "orthographic", 1)],
+    [
+        pytest.param(0.85, "pinhole", 0, marks=pytest.mark.slow),
+        (0.85, "pinhole", None),
+        pytest.param(-0.4, "orthographic", 1, marks=pytest.mark.slow),
+    ],
 )
 def test_flat_with_a_phase_function(
     run_block: Callable[..., Run], g: float, model: str, order: int | None

@@ -73,15 +73,9 @@ def _chi2(seeds: Iterable[int], drifts: Drifts) -> tuple[float, float]:
     "drifts",
     [
         Drifts(),
-        CREEP,
-        Drifts(blackbody_K=0.1),
         Drifts(blackbody_K=0.3),
-        Drifts(offset_counts=1.0, blackbody_K=0.1),
-        Drifts(gain=0.001),
         Drifts(gain=-0.0005),
         Drifts(offset_counts=-3.0),
-        Drifts(gain=0.001, blackbody_K=0.1),
-        Drifts(offset_counts=1.0, gain=0.001),
         Drifts(offset_counts=1.0, gain=0.001, blackbody_K=0.1),
     ],
 )

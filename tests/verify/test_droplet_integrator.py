@@ -331,7 +331,7 @@ def test_a_crowd_in_pieces(follow: Follow, name: str) -> None:
         momentum = momentum + found.momentum_kg_m_s
         assert np.all(np.isfinite(state.temperature_K)) and np.all(state.mass_kg >= 0)
     assert start.mass_kg == pytest.approx(mass + state.mass_kg, rel=1e-13)
-    enthalpy = n_heptane().liquid.one(
+    enthalpy = n_heptane().liquid.value(
         "enthalpy", np.array([start.temperature_K, state.temperature_K])
     )
     first = start.mass_kg * enthalpy[0]
@@ -366,8 +366,10 @@ def test_closed_box_ends_saturated(follow: Follow) -> None:
     start = droplets(diameter_m=3e-6)
     number = 1.0 * gas_kg / start.mass_kg[0]
     vapour_kg, state = 0.0, start
-    enthalpy = gas_kg * float(nitrogen().vapour.one("enthalpy", 573.0))
-    total = enthalpy + number * float(start.mass_kg[0] * n_heptane().liquid.one("enthalpy", 370.0))
+    enthalpy = gas_kg * float(nitrogen().vapour.value("enthalpy", 573.0))
+    total = enthalpy + number * float(
+        start.mass_kg[0] * n_heptane().liquid.value("enthalpy", 370.0)
+    )
     warm = 573.0
     for _ in range(400):
         share = vapour_kg / (vapour_kg + gas_kg)
@@ -379,12 +381,12 @@ def test_closed_box_ends_saturated(follow: Follow) -> None:
         low, high = 250.0, 700.0
         for _ in range(50):
             warm = 0.5 * (low + high)
-            heat = gas_kg * nitrogen().vapour.one("enthalpy", warm)
-            heat = heat + vapour_kg * n_heptane().vapour.one("enthalpy", warm)
+            heat = gas_kg * nitrogen().vapour.value("enthalpy", warm)
+            heat = heat + vapour_kg * n_heptane().vapour.value("enthalpy", warm)
             low, high = (warm, high) if heat < enthalpy else (low, warm)
     liquid_kg = number * state.mass_kg[0]
     assert vapour_kg + liquid_kg == pytest.approx(1.0, rel=1e-12)
-    kept = enthalpy + liquid_kg * n_heptane().liquid.one("enthalpy", state.temperature_K[0])
+    kept = enthalpy + liquid_kg * n_heptane().liquid.value("enthalpy", state.temperature_K[0])
     assert float(kept) == pytest.approx(total, abs=1e-9 * abs(enthalpy))
     assert warm == pytest.approx(state.temperature_K[0], abs=0.5)
     wanted_K, evaporated = heptane_state(

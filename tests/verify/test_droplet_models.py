@@ -88,7 +88,7 @@ def test_equal_lewis_and_heat_capacity_make_the_transfer_numbers_equal(
     made = DropletKernels.of(device, FUEL, GAS, Model("unit_lewis", source))
     state = drop(slip_m_s=[0.0, 1.0, 50.0])
     found, gas = rates(state, made), film(state, made)
-    latent = float(FUEL.liquid.one("latent", 370.0))
+    latent = float(FUEL.liquid.value("latent", 370.0))
     driving = gas.cp_vapour_J_kg_K * (573.0 - 370.0) / gas.transfer
     whole = found.heat_W + found.mass_kg_s * latent
     assert whole == pytest.approx(found.mass_kg_s * driving, rel=1e-4)
@@ -112,8 +112,8 @@ def test_dukowicz_has_unit_lewis_number(kernels: Makes) -> None:
     """Wet bulb: BM = cp_gas (Tgas - Tw)/L in the far gas's cp; 1e-4 from polynomials."""
     warm, _ = wet_bulb(kernels("dukowicz"), gas_K=573.0, pressure_Pa=0.6e6)
     state = drop(liquid_K=warm)
-    cp = GAS.vapour.one("cp", 0.5 * (warm + 573.0))
-    energy = cp * (573.0 - warm) / FUEL.liquid.one("latent", warm)
+    cp = GAS.vapour.value("cp", 0.5 * (warm + 573.0))
+    energy = cp * (573.0 - warm) / FUEL.liquid.value("latent", warm)
     transfer = film(state, kernels("dukowicz")).transfer[0]
     assert transfer == pytest.approx(float(energy), rel=1e-4)
 
@@ -123,7 +123,7 @@ def test_finite_conductivity_warms_the_surface(kernels: Makes) -> None:
     state = drop(liquid_K=[300.0, 370.0, 385.9, 430.0], gas_K=573.0)
     found = rates(state, kernels("frolov-type"))
     surface = state.temperature_K + found.heat_W / (
-        10 * np.pi * state.diameter_m * FUEL.liquid.one("conductivity", state.temperature_K)
+        10 * np.pi * state.diameter_m * FUEL.liquid.value("conductivity", state.temperature_K)
     )
     again = rates(replace(state, temperature_K=surface), kernels("spalding"))
     # The conductivity of the polynomial, 1e-4 from the table's, moves the surface by 1e-4 of 20 K.

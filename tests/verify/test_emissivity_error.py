@@ -91,7 +91,9 @@ def rms(values: Floats, count: int) -> float:
 
 
 @pytest.mark.parametrize("medium", [holes, clumps])
-@pytest.mark.parametrize("asked", [{"accuracy_K": 4.0}, {"accuracy_K": 1.0}])
+@pytest.mark.parametrize(
+    "asked", [{"accuracy_K": 4.0}, pytest.param({"accuracy_K": 1.0}, marks=pytest.mark.slow)]
+)
 def test_stated_and_true(
     medium: Any, asked: dict[str, float], tmp_path: Path, device: Device
 ) -> None:

@@ -25,9 +25,11 @@ EDGE = 0.2
 GATHERED = pytest.mark.parametrize(
     "transport",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.slow),
         {"phase": {"henyey_greenstein": 0.85}},
-        {"phase": {"henyey_greenstein": 0.85}, "gather": False},
+        pytest.param(
+            {"phase": {"henyey_greenstein": 0.85}, "gather": False}, marks=pytest.mark.slow
+        ),
     ],
 )
 
@@ -55,10 +57,10 @@ def block(run_block: Callable[..., Run], *, scattering: float = 0.7, **transport
     "transport",
     [
         {},
-        {"order": 0},
-        {"order": 2},
-        {"phase": {"henyey_greenstein": 0.8}},
-        {"gather": True, "accuracy_K": 1.0},
+        pytest.param({"order": 0}, marks=pytest.mark.slow),
+        pytest.param({"order": 2}, marks=pytest.mark.slow),
+        {"phase": {"henyey_greenstein": 0.85}},
+        pytest.param({"gather": True, "accuracy_K": 1.0}, marks=pytest.mark.slow),
     ],
 )
 def test_source_closes(run_block: Callable[..., Run], transport: dict[str, Any]) -> None:
@@ -107,7 +109,7 @@ def test_droplets_of_one_temperature_emit_what_they_hide(
     np.testing.assert_allclose(liquid / black, hidden, atol=1e-3)
 
 
-@pytest.mark.parametrize("transport", [{}, {"order": 1}])
+@pytest.mark.parametrize("transport", [{}, pytest.param({"order": 1}, marks=pytest.mark.slow)])
 def test_path_closes_but_for_noise(
     run_block: Callable[..., Run], transport: dict[str, Any]
 ) -> None:

@@ -59,7 +59,10 @@ def beyond_edge(x: np.ndarray, radius: float) -> np.ndarray:
     return 0.5 + (u * np.sqrt(1 - u**2) + np.arcsin(u)) / np.pi
 
 
-@pytest.mark.parametrize(("nearer_m", "focus_m"), PLACES)
+@pytest.mark.parametrize(
+    ("nearer_m", "focus_m"),
+    [*(pytest.param(*p, marks=pytest.mark.slow) for p in PLACES[:3]), *PLACES[3:]],
+)
 @pytest.mark.parametrize("rays", [16, pytest.param(64, marks=pytest.mark.slow)])
 def test_edge(run_block: Callable[..., Run], nearer_m: float, focus_m: Any, rays: int) -> None:
     """A black half plane, 0.4 mm thick, with an aperture of 62.5 mm."""
@@ -131,6 +134,7 @@ def test_small_apertures_are_a_pinhole(
     assert np.count_nonzero(np.abs(large - pinhole) > 1 / 32) > 100
 
 
+@pytest.mark.slow
 def test_lens_is_the_mean_of_pinholes(
     run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -132,9 +132,10 @@ def test_emission_is_of_second_order(device: Device) -> None:
     assert found[1] < even[1] / 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("order", "thick_depth"),
-    [(1, 0.5), *(pytest.param(None, depth, marks=pytest.mark.slow) for depth in (0.5, 0.02))],
+    [(1, 0.5), (None, 0.5), (None, 0.02)],
 )
 def test_path_and_source_see_one_medium(
     device: Device, order: int | None, thick_depth: float
@@ -168,10 +169,10 @@ def test_path_and_source_see_one_medium(
 @pytest.mark.parametrize(
     ("method", "phase"),
     [
-        ("source", None),
+        pytest.param("source", None, marks=pytest.mark.slow),
         ("source", henyey_greenstein(0.86)),
-        ("path", None),
-        ("path", henyey_greenstein(0.86)),
+        pytest.param("path", None, marks=pytest.mark.slow),
+        pytest.param("path", henyey_greenstein(0.86), marks=pytest.mark.slow),
         ("branching", None),
     ],
     ids=["source", "source-forward", "path", "path-forward", "branching"],

@@ -6,6 +6,7 @@ sample run of BHMIE in Bohren and Huffman, Appendix A. All use m = n - ik.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import miepython
@@ -92,6 +93,19 @@ def test_miepython_agrees(n: float, k: float) -> None:
         assert found.extinction[part] == pytest.approx(q_ext[part], rel=rel)
         assert found.scattering[part] == pytest.approx(q_sca[part], rel=rel)
         assert found.asymmetry[part] == pytest.approx(g[part], rel=10 * rel, abs=1e-12)
+
+
+def test_a_new_table_is_checked_by_miepython(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scattering off by 1e-5 is found."""
+    solve = mie.efficiencies
+
+    def wrong(**options: float) -> mie.Efficiencies:
+        right = solve(**options)
+        return replace(right, scattering=right.scattering * (1 + 1e-5))
+
+    monkeypatch.setattr(mie, "efficiencies", wrong)
+    with pytest.raises(DropletError, match=r"Q_sca at x = .* by miepython"):
+        droplet_table(wavelength_um=WAVELENGTH_UM, n=1.338, k=0.0341, cache=None)
 
 
 @pytest.mark.parametrize(

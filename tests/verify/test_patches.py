@@ -72,7 +72,10 @@ def total(run: Run) -> np.ndarray:
     return np.asarray(emitted + w.background + w.wall + sum(w.patches.values()))
 
 
-@pytest.mark.parametrize("transport", [{}, {"phase": {"henyey_greenstein": 0.7}}])
+@pytest.mark.parametrize(
+    "transport",
+    [pytest.param({}, marks=pytest.mark.slow), {"phase": {"henyey_greenstein": 0.7}}],
+)
 def test_a_window_takes_its_share_from_the_walls(
     run_block: Callable[..., Run], transport: dict[str, Any]
 ) -> None:
@@ -98,6 +101,7 @@ def test_a_window_takes_its_share_from_the_walls(
     assert "N_PATCHES" not in plain.info.defines["sweep.cl"]
 
 
+@pytest.mark.slow
 def test_a_patch_as_background(run_block: Callable[..., Run]) -> None:
     """A patch of the disc's place and size, before it, is seen as the disc was, and it alone."""
     disc = {"centre_m": [0, 0.1, 0], "facing": "-y", "radius_m": 0.03}
@@ -127,7 +131,7 @@ def test_thick_cells_see_the_patches(run_block: Callable[..., Run]) -> None:
         assert image.mean() == pytest.approx(truth.weights.patches[name].mean(), rel=0.2)
 
 
-@pytest.mark.parametrize("method", ["path", "branching"])
+@pytest.mark.parametrize("method", [pytest.param("path", marks=pytest.mark.slow), "branching"])
 def test_methods_agree(run_block: Callable[..., Run], method: str) -> None:
     """Order 1, a rectangle that is seen directly and one that is not; noise from two seeds each."""
     patches = [

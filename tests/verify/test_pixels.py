@@ -87,14 +87,16 @@ def test_shares_of_the_boundary(device: Device, rays: int) -> None:
     run = vessel(device, rays)
     cells = OpticalCells.of(build_octree(CUBE, None, [], optical_depth_split=1.0))
     view = View.of(run.scene, cells, device)
-    shares = view.boundary_shares(np.arange(PIXELS**2), int(rays**0.5))
+    shares = view.boundary_shares(np.arange(PIXELS**2), np.full(PIXELS**2, int(rays**0.5)))
     np.testing.assert_allclose(shares.sum(axis=0), 1.0)
     for share, seen in zip(shares, (run.weights.background, run.weights.wall), strict=True):
         assert np.count_nonzero(np.abs(share - seen.ravel()) > 1e-6) <= 2
     assert np.all(run.weights.background.ravel()[shares[0] == 1.0] == 1.0)
 
 
-@pytest.mark.parametrize(("rays", "share"), [(1, 1.0), ("auto", 0.8)])
+@pytest.mark.parametrize(
+    ("rays", "share"), [pytest.param(1, 1.0, marks=pytest.mark.slow), ("auto", 0.8)]
+)
 def test_paths_begin_anywhere_in_a_pixel(
     run_block: Callable[..., Run], rays: Any, share: float
 ) -> None:
@@ -114,7 +116,9 @@ def test_paths_begin_anywhere_in_a_pixel(
     assert hidden[[1, 7]].mean() / hidden[4] == pytest.approx(share, abs=0.066)
 
 
-@pytest.mark.parametrize("camera", [{}, {"rays_per_pixel": 4}])
+@pytest.mark.parametrize(
+    "camera", [pytest.param({}, marks=pytest.mark.slow), {"rays_per_pixel": 4}]
+)
 def test_an_image_beyond_one_buffer(
     run_block: Callable[..., Run], camera: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -255,7 +259,9 @@ def test_no_buffer_is_larger_than_a_device_takes(
         assert max(sizes, default=0) <= limit
 
 
-@pytest.mark.parametrize("method", ["source", "path", "branching"])
+@pytest.mark.parametrize(
+    "method", ["source", *(pytest.param(m, marks=pytest.mark.slow) for m in ("path", "branching"))]
+)
 def test_small_work_groups(
     run_block: Callable[..., Run], device: Device, tables: Path, method: str
 ) -> None:
@@ -275,7 +281,9 @@ def test_small_work_groups(
         np.testing.assert_array_equal(image, second.weights.images[name])
 
 
-@pytest.mark.parametrize(("rays", "radius_m"), [(1, 0.15), (4, 0.05)])
+@pytest.mark.parametrize(
+    ("rays", "radius_m"), [(1, 0.15), pytest.param(4, 0.05, marks=pytest.mark.slow)]
+)
 def test_stated_error_of_the_pixels(
     run_block: Callable[..., Run], rays: int, radius_m: float
 ) -> None:
@@ -311,7 +319,7 @@ def test_stated_error_of_a_thin_jet(device: Device, tables: Path, pixels: int) -
 
 @pytest.mark.parametrize(
     ("name", "order", "rays"),
-    [pytest.param("methane-jet", None, 4, marks=pytest.mark.slow), ("gdi-cone", 1, 1)],
+    [pytest.param("methane-jet", None, 4, marks=pytest.mark.slow), ("gdi-cone", 0, 1)],
 )
 def test_some_pixels_are_those_of_the_picture(
     device: Device, tables: Path, name: str, order: int | None, rays: int

@@ -87,12 +87,13 @@ def test_diffusing_slab_against_disort(run_block: Callable[..., Run]) -> None:
     assert run.weights.wall.mean() == pytest.approx(front, abs=3e-3)
 
 
+@SLOW
 @pytest.mark.parametrize(
     ("depth", "albedo", "g", "cells"),
     [
         (100.0, 0.9, 0.0, 64),
-        pytest.param(20.0, 0.8, 0.0, 64, marks=SLOW),
-        pytest.param(10.0, 0.9, 0.8, 128, marks=SLOW),
+        (20.0, 0.8, 0.0, 64),
+        (10.0, 0.9, 0.8, 128),
     ],
 )
 def test_thick_slab_against_disort(
@@ -117,7 +118,7 @@ def test_thick_slab_against_disort(
     ("depth", "albedo", "within"),
     [
         pytest.param(0.1, 0.5, 5e-4, marks=SLOW),
-        (1.0, 0.5, 3e-3),
+        pytest.param(1.0, 0.5, 3e-3, marks=SLOW),
         pytest.param(1.0, 0.9, 1.2e-2, marks=SLOW),
     ],
 )
@@ -174,6 +175,7 @@ def test_refinement_changes_nothing_in_a_uniform_medium(run_block: Callable[...,
         np.testing.assert_allclose(other.vapour, images[0].vapour, rtol=2e-6, atol=1e14)
 
 
+@pytest.mark.slow
 def test_refinement_converges_with_scattering(run_block: Callable[..., Run]) -> None:
     """With scattering the source varies inside a cell, and halving it must matter less and less:
     without chains, which would take the place of that source, with noise, in the coarsest cells."""

@@ -25,7 +25,6 @@ SCATTERING = {"droplet_scattering_per_m": 10.0}
         (VAPOUR, {"HAS_VAPOUR"}),
         (ABSORBING, {"HAS_DROPLETS"}),
         ({**VAPOUR, **ABSORBING}, {"HAS_VAPOUR", "HAS_DROPLETS"}),
-        ({**ABSORBING, **SCATTERING}, {"HAS_DROPLETS", "HAS_SCATTERING"}),
         ({**VAPOUR, **SCATTERING}, {"HAS_VAPOUR", "HAS_DROPLETS", "HAS_SCATTERING"}),
         ({"vapour_absorption_per_m": 0.0}, set()),
     ],

@@ -81,7 +81,7 @@ def read_line(source: Source) -> NDArray[np.float64]:
 
 
 def _zarr(source: Source, *, line: bool) -> Any:
-    zarr = needed("zarr", extra="zarr", what=f"{source.path}: Zarr", error=EvaluationError)
+    zarr = needed("zarr", extra="zarr", needed_by=f"{source.path}: Zarr", error=EvaluationError)
     root = zarr.open(str(source.path), mode="r")
     if isinstance(root, zarr.Array):
         return pick(source, {"": root, source.dataset.strip("/"): root}, lambda: {"": root.shape},

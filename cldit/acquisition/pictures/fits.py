@@ -15,7 +15,7 @@ class Fits(ArrayStack):
 
     def __init__(self, source: Source) -> None:
         fits = needed(
-            "astropy.io.fits", extra="fits", what=f"{source.path}: FITS", error=EvaluationError
+            "astropy.io.fits", extra="fits", needed_by=f"{source.path}: FITS", error=EvaluationError
         )
         check_regular(source.path)
         self._file = fits.open(source.path, mode="readonly", memmap=False)

@@ -25,7 +25,7 @@ class Hcc:
 
     def __init__(self, source: Source) -> None:
         fasthcc = needed(
-            "fasthcc", extra="hcc", what=f"{source.path}: Telops", error=EvaluationError
+            "fasthcc", extra="hcc", needed_by=f"{source.path}: Telops", error=EvaluationError
         )
         self._path, self._incomplete = source.path, source.incomplete
         check_regular(source.path)

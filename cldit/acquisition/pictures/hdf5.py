@@ -101,7 +101,7 @@ def _undecoded(source: Source, error: OSError) -> EvaluationError:
 
 
 def _open(source: Source, *, line: bool) -> tuple[Any, Any]:
-    h5py = needed("h5py", extra="files", what=f"{source.path}: HDF5", error=EvaluationError)
+    h5py = needed("h5py", extra="files", needed_by=f"{source.path}: HDF5", error=EvaluationError)
     with suppress(ImportError):
         import_module("hdf5plugin")  # its filters (blosc, bitshuffle, zstd) work once imported
     check_regular(source.path)

@@ -16,9 +16,9 @@ import numpy as np
 
 from cldit.acquisition.pictures.kinds import kind_of
 from cldit.acquisition.pictures.source import ImageMetadata, Source, moment_s, parse_source
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.errors import EvaluationError, reason
 from cldit.io.text_tables import read_table_text, split_cells, split_line
-from cldit.scene.values import ZERO_CELSIUS_K
 
 _SAME = 0.01  # relative: registers of cameras round their exposure
 _SAME_s = 1.0  # clocks that show whole seconds

@@ -66,7 +66,7 @@ def read_line(source: Source) -> NDArray[np.float64]:
 
 
 def _open(source: Source) -> Any:
-    nptdms = needed("nptdms", extra="tdms", what=f"{source.path}: TDMS", error=EvaluationError)
+    nptdms = needed("nptdms", extra="tdms", needed_by=f"{source.path}: TDMS", error=EvaluationError)
     check_regular(source.path)
     import_module("nptdms.log").log_manager.set_level(logging.ERROR)  # damage is reported here
     file = nptdms.TdmsFile.open(source.path)

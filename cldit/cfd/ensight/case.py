@@ -38,8 +38,8 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     fields = sorted(columns_of(cells) & set(items))
     at = None
     if times(case):
-        known = _common_times(case, [items[name] for name in fields], spec.cloud)
-        at = choose_time(str(case.path), known, spec.time_s)
+        common = _common_times(case, [items[name] for name in fields], spec.cloud)
+        at = choose_time(str(case.path), common, spec.time_s)
     model = _file(case, _model(case), at)
     check_room(model, _size(model, [_file(case, items[name], at) for name in fields]))
     watch("reading the mesh", 0, 1)
@@ -84,43 +84,43 @@ def list_ensight(spec: CfdSpray) -> Listing:
     case = read_case_file(case_path(spec.file))
     kinds = ("scalar per element", "scalar per node")
     fields = [item.name for item in case.items if item.kind in kinds]
-    return times(case), fields, {name: list(own) for name, (_, own) in clouds(case).items()}
+    return times(case), fields, {name: list(by_name) for name, (_, by_name) in clouds(case).items()}
 
 
 def case_path(path: Path) -> Path:
     """Path of the .case file: itself, or the only one in a folder."""
     if not path.is_dir():
         return path
-    found = [*path.glob("*.case"), *path.glob("*.encas")]
-    if not found:
+    files = [*path.glob("*.case"), *path.glob("*.encas")]
+    if not files:
         raise SprayError(f"{path}: no .case file in it")
-    return only_claimant("the EnSight case", found)
+    return only_claimant("the EnSight case", files)
 
 
 def times(case: CaseFile) -> list[float]:
     """Times at which any file of the case is written."""
-    found = {time for item in case.items for time, _ in case.files(item) if time is not None}
-    return sorted(found)
+    distinct = {time for item in case.items for time, _ in case.files(item) if time is not None}
+    return sorted(distinct)
 
 
 def _common_times(case: CaseFile, gas: Sequence[Item], cloud: str | None) -> list[float]:
     """Times at which the gas is written, and the parcels unless `none` is asked for."""
     drops = {} if cloud == NO_CLOUD else clouds(case)
-    parcels = [item for place, own in drops.values() for item in (place, *own.values())]
+    parcels = [item for place, fields in drops.values() for item in (place, *fields.values())]
     sets = {item.name: [t for t, _ in case.files(item) if t is not None] for item in gas}
     sets |= {f"parcels' {i.name}": [t for t, _ in case.files(i) if t is not None] for i in parcels}
-    written = {name: found for name, found in sets.items() if found}
+    written = {name: steps for name, steps in sets.items() if steps}
     if not written:
         return times(case)
 
-    def has(found: list[float], time: float) -> bool:
-        return any(abs(each - time) <= TIME_TOLERANCE * max(abs(time), 1e-9) for each in found)
+    def has(steps: list[float], time: float) -> bool:
+        return any(abs(step - time) <= TIME_TOLERANCE * max(abs(time), 1e-9) for step in steps)
 
-    first = next(iter(written.values()))
-    common = [time for time in first if all(has(found, time) for found in written.values())]
+    base = next(iter(written.values()))
+    common = [time for time in base if all(has(steps, time) for steps in written.values())]
     if not common:
         shown = "; ".join(
-            f"{name} at {', '.join(f'{t:g}' for t in found[:5])}" for name, found in written.items()
+            f"{name} at {', '.join(f'{t:g}' for t in steps[:5])}" for name, steps in written.items()
         )
         raise SprayError(
             f"{case.path}: TIME: no time at which all fields are written: {shown}; export them at "
@@ -130,10 +130,10 @@ def _common_times(case: CaseFile, gas: Sequence[Item], cloud: str | None) -> lis
 
 
 def _model(case: CaseFile) -> Item:
-    found = [item for item in case.items if item.kind == "model"]
-    if len(found) != 1:
-        raise SprayError(f"{case.path}: GEOMETRY: {len(found)} entries 'model', expected one")
-    return found[0]
+    models = [item for item in case.items if item.kind == "model"]
+    if len(models) != 1:
+        raise SprayError(f"{case.path}: GEOMETRY: {len(models)} entries 'model', expected one")
+    return models[0]
 
 
 def _file(case: CaseFile, item: Item, at: float | None) -> Path:
@@ -142,14 +142,14 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
     if files[0][0] is None or at is None:
         return files[-1][1]
     if item.kind == "model":
-        before = [(t, f) for t, f in files if t is not None and t <= at * (1 + 1e-9)]
-        return max(before or files[:1])[1]
-    known: dict[float, list[Path]] = {}
+        earlier = [(t, f) for t, f in files if t is not None and t <= at * (1 + 1e-9)]
+        return max(earlier or files[:1])[1]
+    by_time: dict[float, list[Path]] = {}
     for time, file in files:
         if time is not None:
-            known.setdefault(time, []).append(file)
-    time = choose_time(f"{case.path}: {item.name}", known, at)
-    return only_claimant(f"{item.name} at time {time:g}", known[time])
+            by_time.setdefault(time, []).append(file)
+    time = choose_time(f"{case.path}: {item.name}", by_time, at)
+    return only_claimant(f"{item.name} at time {time:g}", by_time[time])
 
 
 def _size(geometry: Path, fields: list[Path]) -> Size:
@@ -170,34 +170,34 @@ def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
     The particles are one cloud, `measured`. foamToEnsight names a cloud by the folder of its files,
     and its fields by the cloud's number and the field: `c0d` in `lagrangian/sprayCloud`.
     """
-    found: dict[str, tuple[Item, dict[str, Item]]] = {}
+    by_cloud: dict[str, tuple[Item, dict[str, Item]]] = {}
     fields = [item for item in case.items if item.kind in _MEASURED]
     for position in (item for item in case.items if item.kind == "measured"):
         folder = Path(position.pattern).parent
         foam = folder.parent.name == "lagrangian"
-        own = [item for item in fields if not foam or Path(item.pattern).parent == folder]
-        prefixed = foam and all(_NUMBERED.match(item.name) for item in own)
-        named = {_NUMBERED.sub("", item.name) if prefixed else item.name: item for item in own}
+        members = [item for item in fields if not foam or Path(item.pattern).parent == folder]
+        prefixed = foam and all(_NUMBERED.match(item.name) for item in members)
+        named = {_NUMBERED.sub("", item.name) if prefixed else item.name: item for item in members}
         name = folder.name if foam else "measured"
-        if name in found:
+        if name in by_cloud:
             raise SprayError(f"{case.path}: GEOMETRY: two clouds are named {name!r}")
-        found[name] = (position, named)
-    return found
+        by_cloud[name] = (position, named)
+    return by_cloud
 
 
 def _cloud(
-    wanted: str | None, case: CaseFile, at: float | None, names: ColumnMap, mesh: Reader
+    choice: str | None, case: CaseFile, at: float | None, names: ColumnMap, mesh: Reader
 ) -> tuple[Cloud | None, list[Path]]:
     """Cloud asked for, and the files read; their byte order is that of the mesh."""
-    known = clouds(case)
-    if not known and wanted != NO_CLOUD and any(item.kind in _MEASURED for item in case.items):
+    available = clouds(case)
+    if not available and choice != NO_CLOUD and any(item.kind in _MEASURED for item in case.items):
         raise SprayError(f"{case.path}: GEOMETRY: no `measured` file for the parcels")
-    if wanted == "measured" and len(known) == 1:
-        wanted = None
-    chosen = choose_cloud(str(case.path), known, wanted)
+    if choice == "measured" and len(available) == 1:
+        choice = None
+    chosen = choose_cloud(str(case.path), available, choice)
     if chosen is None:
         return None, []
-    geometry, fields = known[chosen]
+    geometry, fields = available[chosen]
     file = Reader(_file(case, geometry, at), order=mesh.order)
     files = [file.path]
     file.text()

@@ -62,7 +62,7 @@ def read_case_file(path: Path) -> CaseFile:
 def _parsed(path: Path, lines: list[str]) -> CaseFile:
     case, section, gold = CaseFile(path), "", False
     sets: dict[int, dict[str, list[float]]] = {}
-    now: dict[str, list[float]] = {}
+    time_set: dict[str, list[float]] = {}
     key = ""
     for raw in lines:
         line = raw.split("#")[0].strip()
@@ -71,25 +71,25 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
         if line in ("FORMAT", "GEOMETRY", "VARIABLE", "TIME", "FILE", "MATERIAL", "SCRIPTS"):
             section, key = line, ""
             continue
-        before, colon, after = line.partition(":")
-        if section == "FORMAT" and before.strip() == "type":
-            gold = after.split() == ["ensight", "gold"]
+        label, colon, value = line.partition(":")
+        if section == "FORMAT" and label.strip() == "type":
+            gold = value.split() == ["ensight", "gold"]
         elif section in ("GEOMETRY", "VARIABLE") and colon:
-            if not before.startswith("constant"):
-                case.items.append(_item(path, before.strip(), after))
+            if not label.startswith("constant"):
+                case.items.append(_item(path, label.strip(), value))
         elif section == "FILE":
             raise SprayError(f"{path}: keeps several times in one file (FILE section); not read")
         elif section == "TIME":
             if colon:
-                key = before.strip()
+                key = label.strip()
                 if key == "time set":
-                    now = sets.setdefault(int(after.split()[0]), {})
+                    time_set = sets.setdefault(int(value.split()[0]), {})
                     continue
                 if key.endswith(" file"):  # the numbers are in a file of their own
                     key = key.removesuffix(" file")
-                    after = _numbers_file(path, after)
-            text = after if colon else line  # values may begin on the next line
-            now.setdefault(key, []).extend(float(word) for word in text.split())
+                    value = _numbers_file(path, value)
+            numbers = value if colon else line  # values may begin on the next line
+            time_set.setdefault(key, []).extend(float(word) for word in numbers.split())
     if not gold:
         raise SprayError(f"{path}: FORMAT: not `type: ensight gold`; export EnSight Gold, or .vtu")
     case.time_sets = {number: _time_set(path, content) for number, content in sets.items()}
@@ -104,16 +104,16 @@ def _numbers_file(path: Path, name: str) -> str:
     return text_of(path.parent / words[0])
 
 
-def _item(path: Path, kind: str, text: str) -> Item:
+def _item(path: Path, kind: str, entry: str) -> Item:
     """Item of a line, `[time set] [file set] [name] pattern [options]`; variables have a name."""
-    words = shlex.split(text)
+    words = shlex.split(entry)
     numbers: list[int] = []
     while words and words[0].isdigit():
         numbers.append(int(words.pop(0)))
     named = kind not in ("model", "measured")
     if len(words) < 1 + named or len(numbers) > 1:
         hint = "keeps several times in one file (a file set); not read" if words else "no file"
-        raise SprayError(f"{path}: {kind}: {text.strip()!r}: {hint}")
+        raise SprayError(f"{path}: {kind}: {entry.strip()!r}: {hint}")
     name = words[0] if named else kind
     return Item(kind, name, words[-1] if named else words[0], numbers[0] if numbers else None)
 
@@ -154,9 +154,9 @@ class Reader:
         elif binary is None:
             self.at = 80
 
-    def fail(self, what: str) -> SprayError:
+    def fail(self, problem: str) -> SprayError:
         """Error that names the file."""
-        return SprayError(f"{self.path}: {what}")
+        return SprayError(f"{self.path}: {problem}")
 
     @property
     def done(self) -> bool:
@@ -218,9 +218,9 @@ class Reader:
         self.body, self.lines = b"", []
 
     def _skip(self, count: int) -> None:
-        left = len(self.body) - self.at
-        if not 0 <= count <= left:
-            raise self.fail(f"truncated or damaged: {count} bytes wanted, {left} are left")
+        remaining = len(self.body) - self.at
+        if not 0 <= count <= remaining:
+            raise self.fail(f"truncated or damaged: {count} bytes wanted, {remaining} are left")
         self.at += count
 
     def _line(self) -> bytes:

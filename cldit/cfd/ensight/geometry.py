@@ -53,10 +53,10 @@ def read_geometry(file: Reader) -> Geometry:
             places, corners, kept = _structured(file, kind.split()[1:], number)
             elements = Elements("block", len(kept), cells, None if kept.all() else kept)
             parts[number] = Part(Elements("block", len(places), offset), [elements])
-            if many := elements.cells:
+            if size := elements.cells:
                 hexahedra = (corners[kept].reshape(-1),)
-                blocks.append(Block(_solid(file, places, "hexa8", many, hexahedra), offset))
-            cells, hidden, offset = cells + many, hidden + len(kept) - many, offset + len(places)
+                blocks.append(Block(_solid(file, places, "hexa8", size, hexahedra), offset))
+            cells, hidden, offset = cells + size, hidden + len(kept) - size, offset + len(places)
             line = file.text(end=True)
             continue
         if kind != "coordinates":
@@ -69,22 +69,22 @@ def read_geometry(file: Reader) -> Geometry:
         line = file.text(end=True)
         while line not in ("", "part"):
             ghost, kind = line.startswith("g_"), line.removeprefix("g_")
-            many = int(file.integers(1)[0])
+            size = int(file.integers(1)[0])
             if named_elements:
-                file.integers(many)
-            found = _elements(file, kind, many)
-            kept_here = found is not None and not ghost
-            parts[number].elements.append(Elements(line, many, cells if kept_here else None))
-            if found is not None and ghost:
-                hidden += many
-            elif found is not None:
-                nodes = found[0]
+                file.integers(size)
+            connectivity = _elements(file, kind, size)
+            kept_here = connectivity is not None and not ghost
+            parts[number].elements.append(Elements(line, size, cells if kept_here else None))
+            if connectivity is not None and ghost:
+                hidden += size
+            elif connectivity is not None:
+                nodes = connectivity[0]
                 if nodes.size and (nodes.min() < 1 or nodes.max() > count):
                     raise file.fail(f"part {number}: {kind} with nodes outside 1..{count}")
-                if many:
+                if size:
                     nodes -= 1
-                    blocks.append(Block(_solid(file, points, kind, many, found), offset))
-                cells += many
+                    blocks.append(Block(_solid(file, points, kind, size, connectivity), offset))
+                cells += size
             line = file.text(end=True)
         offset += count
     if line:
@@ -98,45 +98,45 @@ def read_geometry(file: Reader) -> Geometry:
 def _ids_given(file: Reader, kind: str) -> bool:
     """True if ids of the nodes or elements follow, by a line such as `node id assign`."""
     line = file.text()
-    how = line.lower().rpartition(" ")[2]
-    if how not in ("off", "given", "assign", "ignore"):
+    mode = line.lower().rpartition(" ")[2]
+    if mode not in ("off", "given", "assign", "ignore"):
         raise file.fail(f"{line!r}, expected `{kind} id` and off, given, assign or ignore")
-    return how in ("given", "ignore")
+    return mode in ("given", "ignore")
 
 
 def _solid(
-    file: Reader, points: AnyFloats, kind: str, many: int, found: tuple[Labels, ...]
+    file: Reader, points: AnyFloats, kind: str, count: int, connectivity: tuple[Labels, ...]
 ) -> ElementMesh | Mesh:
-    """Mesh of `many` elements of one kind, as `_elements` gives them, but with nodes from 0."""
-    source, nodes = str(file.path), found[0]
+    """Mesh of `count` elements of one kind, as `_elements` returns them, but with nodes from 0."""
+    source, nodes = str(file.path), connectivity[0]
     if kind == "nfaced":
-        sizes, faces = found[1:]
+        sizes, faces = connectivity[1:]
         start = np.concatenate([[0], np.cumsum(sizes)])
-        owner = np.repeat(np.arange(many), faces)
-        return Mesh(points, nodes, start, owner, np.full(len(owner), -1), many, source)
-    kinds = np.broadcast_to(np.uint8(_VTK[kind]), many)
-    return ElementMesh(points, kinds, np.arange(many + 1) * CORNERS[_VTK[kind]], nodes, source)
+        owner = np.repeat(np.arange(count), faces)
+        return Mesh(points, nodes, start, owner, np.full(len(owner), -1), count, source)
+    kinds = np.broadcast_to(np.uint8(_VTK[kind]), count)
+    return ElementMesh(points, kinds, np.arange(count + 1) * CORNERS[_VTK[kind]], nodes, source)
 
 
-def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, ...] | None:
+def _elements(file: Reader, kind: str, count: int) -> tuple[Labels, ...] | None:
     """Nodes of solid elements, from 1; for polyhedra also sizes of faces, and faces a cell.
 
     None for flat elements.
     """
     if kind in _FLAT:
-        file.integers(many * _FLAT[kind], a_line=_FLAT[kind])
+        file.integers(count * _FLAT[kind], a_line=_FLAT[kind])
         return None
     if kind == "nsided":
-        _ragged(file, file.integers(many))
+        _ragged(file, file.integers(count))
         return None
     if kind == "nfaced":
-        faces = file.integers(many)
+        faces = file.integers(count)
         sizes = file.integers(int(faces.sum()))
         return _ragged(file, sizes), sizes, faces
     if kind not in _VTK:
         raise file.fail(f"elements of type {kind!r} are not read; write linear ones")
     corners = CORNERS[_VTK[kind]]
-    return (file.integers(many * corners, a_line=corners),)
+    return (file.integers(count * corners, a_line=corners),)
 
 
 def _ragged(file: Reader, sizes: Labels) -> Labels:
@@ -151,8 +151,8 @@ def _structured(file: Reader, words: list[str], number: int) -> tuple[AnyFloats,
     shape = [int(n) for n in file.integers(3, a_line=3)]
     allowed = {"curvilinear", "rectilinear", "uniform", "iblanked"}
     if extra := set(words) - allowed:
-        known = ", ".join(sorted(allowed))
-        raise file.fail(f"part {number} is a block {min(extra)!r}; allowed: {known}")
+        kinds = ", ".join(sorted(allowed))
+        raise file.fail(f"part {number} is a block {min(extra)!r}; allowed: {kinds}")
     if min(shape) < 2:
         raise file.fail(f"part {number} is a block of {shape} nodes, expected 2 or more each way")
     count = int(np.prod(shape))

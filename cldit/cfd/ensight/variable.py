@@ -17,14 +17,14 @@ from cldit.cfd.mesh.faces import Mesh
 
 @dataclass(frozen=True)
 class Elements:
-    """Elements of one type in a row, `many` of them; or the nodes of a part.
+    """Elements of one type in a row, `count` of them; or the nodes of a part.
 
     first: cell of the mesh that the first element is; None if they are no cells (flat, ghost).
-    kept: mask of those that are not blanked, of the shape (many,); None for all.
+    kept: mask of those that are not blanked, of the shape (count,); None for all.
     """
 
     kind: str
-    many: int
+    count: int
     first: int | None
     kept: NDArray[np.bool_] | None = None
 
@@ -33,10 +33,10 @@ class Elements:
         """Number of cells among them."""
         if self.first is None:
             return 0
-        return self.many if self.kept is None else int(np.count_nonzero(self.kept))
+        return self.count if self.kept is None else int(np.count_nonzero(self.kept))
 
     def of_cells(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Selects the values, of the shape (many,), that belong to cells."""
+        """Selects the values, of the shape (count,), that belong to cells."""
         return values if self.kept is None else values[self.kept]
 
 
@@ -72,7 +72,7 @@ def read_variable(file: Reader, parts: Parts, count: int, label: str, *, at_node
             name, _, mode = line.partition(" ")
             if name != elements.kind:
                 continue  # a type may be missing; if it has cells, an error follows below
-            numbers, defined = _values(file, elements.many, mode.strip())
+            numbers, defined = _values(file, elements.count, mode.strip())
             if elements.first is not None:
                 place = slice(elements.first, elements.first + elements.cells)
                 values[place] = elements.of_cells(numbers)
@@ -80,8 +80,8 @@ def read_variable(file: Reader, parts: Parts, count: int, label: str, *, at_node
                 undefined[place] = ~elements.of_cells(defined)
             line = file.text(end=True)
     if line:
-        what = "nodes" if at_nodes else "elements"
-        raise file.fail(f"{line!r} where a part or its {what} are expected")
+        location = "nodes" if at_nodes else "elements"
+        raise file.fail(f"{line!r} where a part or its {location} are expected")
     if missed.any() and not at_nodes:
         raise file.fail(f"no value for {int(missed.sum())} of {count} cells; truncated?")
     undefined |= missed
@@ -95,23 +95,23 @@ def _part(file: Reader, parts: Parts) -> Part:
     return parts[number]
 
 
-def _values(file: Reader, many: int, mode: str) -> tuple[AnyFloats, NDArray[np.bool_]]:
-    """Values (many,), and a mask of those that are defined."""
+def _values(file: Reader, size: int, mode: str) -> tuple[AnyFloats, NDArray[np.bool_]]:
+    """Values (size,), and a mask of those that are defined."""
     if mode == "undef":
         mark = file.floats(1)[0]
-        found = file.floats(many)
-        return found, np.asarray(found != mark)
+        numbers = file.floats(size)
+        return numbers, np.asarray(numbers != mark)
     if mode == "partial":
         count = int(file.integers(1)[0])
         place = file.integers(count) - 1
-        if count and (place.min() < 0 or place.max() >= many or len(set(place.tolist())) < count):
-            raise file.fail(f"partial values for elements outside 1..{many}, or twice for one")
-        values, defined = np.zeros(many), np.zeros(many, dtype=bool)
+        if count and (place.min() < 0 or place.max() >= size or len(set(place.tolist())) < count):
+            raise file.fail(f"partial values for elements outside 1..{size}, or twice for one")
+        values, defined = np.zeros(size), np.zeros(size, dtype=bool)
         values[place], defined[place] = file.floats(count), True
         return values, defined
     if mode:
         raise file.fail(f"values of kind {mode!r}; allowed: plain, `undef` and `partial`")
-    return file.floats(many), np.ones(many, dtype=bool)
+    return file.floats(size), np.ones(size, dtype=bool)
 
 
 def corner_mean(blocks: Sequence[Block], values: AnyFloats) -> Floats:

@@ -21,7 +21,7 @@ def open_hdf(path: Path) -> Iterator[Any]:
     _check_end(regular(path))
     try:
         with h5py.File(regular(path), "r") as file:
-            _others(path, file)
+            _referenced(path, file)
             yield file
     except SprayError:
         raise
@@ -50,20 +50,20 @@ def _check_end(path: Path) -> None:
 
 def unit_of(dataset: Any) -> str | None:
     """Unit in an attribute of an array."""
-    found = next((v for k, v in dataset.attrs.items() if k.lower() in ("unit", "units")), None)
-    return found.decode("latin-1") if isinstance(found, bytes) else found
+    unit = next((v for k, v in dataset.attrs.items() if k.lower() in ("unit", "units")), None)
+    return unit.decode("latin-1") if isinstance(unit, bytes) else unit
 
 
-def _others(path: Path, file: Any) -> set[Path]:
+def _referenced(path: Path, file: Any) -> set[Path]:
     """Checked files to which an open one refers, by links or as sources of arrays."""
     linked = check_links(path, file, complete=True)
-    return linked.union(*(check_sources(path, each) for each in arrays_in(file)))
+    return linked.union(*(check_sources(path, array) for array in arrays_in(file)))
 
 
 def hdf_files(path: Path) -> tuple[Path, ...]:
     """The file, and those to which it refers."""
     with open_hdf(path) as file:
-        return (path, *sorted(_others(path, file)))
+        return (path, *sorted(_referenced(path, file)))
 
 
 def nodes_in(root: Any) -> list[Any]:
@@ -80,7 +80,7 @@ def arrays_in(root: Any) -> list[Any]:
 
 def bytes_of(arrays: Iterable[Any]) -> int:
     """Size of arrays once they are unpacked."""
-    return sum(int(each.size) * each.dtype.itemsize for each in arrays)
+    return sum(int(array.size) * array.dtype.itemsize for array in arrays)
 
 
 def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArray[Any]:

@@ -57,9 +57,9 @@ def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         watch("reading the zones", 0, 1)
         zones = [_zone(path, zone) for _, zone in _zones(path, root)]
     files = hdf_files(path)
-    for other in files[1:]:
-        with open_cgns(other) as root:
-            check_units(other, root)
+    for file in files[1:]:
+        with open_cgns(file) as root:
+            check_units(file, root)
     gas = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES)
     return replace(gas, time_s=at, files=files)
 
@@ -79,17 +79,17 @@ def list_cgns(spec: CfdSpray) -> Listing:
 
 
 def _zones(path: Path, root: Any) -> list[tuple[str, Any]]:
-    found = []
+    zones = []
     for name, base in children(root, "CGNSBase_t"):
         if data_of(path, base).tolist() != [3, 3]:
             raise SprayError(f"{path}: {name}: is not three-dimensional")
-        found += children(base, "Zone_t")
-    if not found:
+        zones += children(base, "Zone_t")
+    if not zones:
         raise SprayError(f"{path}: no zone in it")
-    return found
+    return zones
 
 
-def _time(path: Path, root: Any, wanted: CaseTime | None) -> float | None:
+def _time(path: Path, root: Any, requested: CaseTime | None) -> float | None:
     times = [
         float(value)
         for _, base in children(root, "CGNSBase_t")
@@ -100,15 +100,15 @@ def _time(path: Path, root: Any, wanted: CaseTime | None) -> float | None:
     ]
     if len(set(times)) > 1:
         raise SprayError(f"{path}: {len(set(times))} times in it; export one: {_WAY}")
-    if not times and wanted not in (None, "latest"):
+    if not times and requested not in (None, "latest"):
         raise SprayError(f"{path}: does not state its time; remove spray.time_s")
-    return choose_time(str(path), times, wanted) if times else None
+    return choose_time(str(path), times, requested) if times else None
 
 
 def _size(path: Path, root: Any) -> Size:
     """Estimate from the sizes of the zones and the shapes of all arrays."""
     sizes = [data_of(path, zone) for _, zone in _zones(path, root)]
-    cells = sum(int(np.prod(each[1], dtype=np.int64)) for each in sizes if len(each) == 3)
+    cells = sum(int(np.prod(size[1], dtype=np.int64)) for size in sizes if len(size) == 3)
     return Size(cells, 0, 2.0 * bytes_of(arrays_in(root)))
 
 
@@ -117,7 +117,7 @@ def _zone(path: Path, zone: Any) -> MeshPart:
     sizes = data_of(path, zone)
     if sizes.ndim != 2 or sizes.shape[0] != 3 or sizes.dtype.kind not in "iu" or sizes.min() < 0:
         raise SprayError(f"{path}: {name}: sizes of shape {sizes.shape}, expected three rows")
-    kinds = [text_of_node(path, each) for _, each in children(zone, "ZoneType_t")]
+    kinds = [text_of_node(path, node) for _, node in children(zone, "ZoneType_t")]
     vertices, cells = (int(np.prod(row, dtype=np.int64)) for row in sizes[:2])
     grids = children(zone, "GridCoordinates_t")
     if not grids:
@@ -129,7 +129,7 @@ def _zone(path: Path, zone: Any) -> MeshPart:
     source, places = f"{path}: {name}", points.astype(np.float64)
     mesh: ElementMesh | Mesh
     sections = _sections(path, zone)
-    if any(each.kind == _NFACE for each in sections):
+    if any(section.kind == _NFACE for section in sections):
         mesh = _polyhedra(places, sections, source)
     else:
         structured = kinds == ["Structured"]
@@ -139,7 +139,7 @@ def _zone(path: Path, zone: Any) -> MeshPart:
         raise SprayError(f"{path}: {name}: {mesh.cells} cells of a volume, expected {cells}")
     fields: tuple[dict[str, Column], dict[str, Column]] = ({}, {})
     for _, solution in children(zone, "FlowSolution_t"):
-        where = [text_of_node(path, each) for _, each in children(solution, "GridLocation_t")]
+        where = [text_of_node(path, node) for _, node in children(solution, "GridLocation_t")]
         place = {"CellCenter": 0, "Vertex": 1}.get(where[0] if where else "Vertex")
         if place is None:
             raise SprayError(f"{path}: {solution.name}: fields at {where[0]} are not read; {_WAY}")
@@ -189,8 +189,8 @@ class _Section:
     nodes: Labels
     offsets: Labels | None
 
-    def fail(self, what: str) -> SprayError:
-        return SprayError(f"{self.label}: {what}; {_WAY}")
+    def fail(self, problem: str) -> SprayError:
+        return SprayError(f"{self.label}: {problem}; {_WAY}")
 
     def lists(self) -> tuple[Labels, Labels]:
         """Numbers of all elements of several, and where each begins, (N + 1,)."""
@@ -204,26 +204,26 @@ class _Section:
 
 def _sections(path: Path, zone: Any) -> list[_Section]:
     """Sections of an unstructured zone in the order of their elements, without surfaces."""
-    found = []
+    sections = []
     for name, part in children(zone, "Elements_t"):
         kind = int(data_of(path, part).reshape(-1)[0])
         if kind in _SURFACES:
             continue
         label = f"{path}: {name}"
         nodes_of = [*children(part, "DataArray_t"), *children(part, "IndexRange_t")]
-        known = {key: data_of(path, each).reshape(-1) for key, each in nodes_of}
+        arrays = {key: data_of(path, array).reshape(-1) for key, array in nodes_of}
         if kind not in (*_CELLS, _MIXED, _NGON, _NFACE):
             allowed = "tetrahedra, pyramids, wedges, hexahedra, MIXED, NGON_n with NFACE_n"
             raise SprayError(f"{label}: elements of type {kind}; allowed: {allowed}; {_WAY}")
-        if lacking := {"ElementConnectivity", "ElementRange"} - set(known):
+        if lacking := {"ElementConnectivity", "ElementRange"} - set(arrays):
             raise SprayError(f"{label}: no {min(lacking)}")
-        first, last = known["ElementRange"].tolist()
-        nodes = known["ElementConnectivity"]
+        low, high = arrays["ElementRange"].tolist()
+        nodes = arrays["ElementConnectivity"]
         if nodes.dtype.kind not in "iu":
             raise SprayError(f"{label}: corners that are no whole numbers")
-        own = label, kind, first, last - first + 1, nodes.astype(np.int64)
-        found.append(_Section(*own, known.get("ElementStartOffset")))
-    return sorted(found, key=lambda each: each.first)
+        head = label, kind, low, high - low + 1, nodes.astype(np.int64)
+        sections.append(_Section(*head, arrays.get("ElementStartOffset")))
+    return sorted(sections, key=lambda section: section.first)
 
 
 def _elements(sections: list[_Section]) -> tuple[NDArray[np.uint8], Labels, Labels]:
@@ -237,8 +237,8 @@ def _elements(sections: list[_Section]) -> tuple[NDArray[np.uint8], Labels, Labe
         else:
             size = corners.get(part.kind, 0)
             if len(part.nodes) != part.count * size:
-                what = f"{len(part.nodes)} corners for {part.count} elements of {size}"
-                raise part.fail(what)
+                problem = f"{len(part.nodes)} corners for {part.count} elements of {size}"
+                raise part.fail(problem)
             kinds, sizes = np.full(part.count, part.kind), np.full(part.count, size)
             begin = np.arange(part.count) * size
         if odd := {int(k) for k in np.unique(kinds) if np.any(sizes[kinds == k] != corners.get(k))}:
@@ -248,29 +248,29 @@ def _elements(sections: list[_Section]) -> tuple[NDArray[np.uint8], Labels, Labe
         place = np.cumsum(sizes) - sizes
         nodes, types = np.empty(int(sizes.sum()), np.int64), np.empty(len(kinds), np.uint8)
         for kind, (vtk, order) in _CELLS.items():
-            own = np.flatnonzero(kinds == kind)
-            types[own] = vtk
-            turned = part.nodes[begin[own, None] + np.array(order)] - 1
-            nodes[place[own, None] + np.arange(len(order))] = turned
+            of_kind = np.flatnonzero(kinds == kind)
+            types[of_kind] = vtk
+            turned = part.nodes[begin[of_kind, None] + np.array(order)] - 1
+            nodes[place[of_kind, None] + np.arange(len(order))] = turned
         parts.append((types, nodes, sizes))
-    types, nodes, sizes = (np.concatenate(each) for each in zip(*parts, strict=True))
+    types, nodes, sizes = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return types, nodes, np.concatenate([[0], np.cumsum(sizes)])
 
 
 def _polyhedra(points: Floats, sections: list[_Section], source: str) -> Mesh:
     """Mesh of NFACE_n, of signed numbers of the faces in NGON_n: negative if they point inwards."""
-    ngons = [each for each in sections if each.kind == _NGON]
-    cells = [each for each in sections if each.kind == _NFACE]
+    ngons = [section for section in sections if section.kind == _NGON]
+    cells = [section for section in sections if section.kind == _NFACE]
     if len(ngons) + len(cells) != len(sections) or not ngons:
         raise sections[0].fail("polyhedra beside other cells, or without their faces (NGON_n)")
-    faces = [each.lists() for each in ngons]
-    numbers = np.concatenate([each.first + np.arange(each.count) for each in ngons])
+    faces = [section.lists() for section in ngons]
+    numbers = np.concatenate([section.first + np.arange(section.count) for section in ngons])
     sizes = np.concatenate([np.diff(begin) for _, begin in faces])
     corners = np.concatenate([nodes for nodes, _ in faces]) - 1
-    solids = [each.lists() for each in cells]
-    signed = np.concatenate([own for own, _ in solids])
+    solids = [section.lists() for section in cells]
+    signed = np.concatenate([labels for labels, _ in solids])
     cell = np.repeat(
-        np.arange(sum(each.count for each in cells)),
+        np.arange(sum(section.count for section in cells)),
         np.concatenate([np.diff(begin) for _, begin in solids]),
     )
     face = np.minimum(np.searchsorted(numbers, np.abs(signed)), len(numbers) - 1)
@@ -300,8 +300,8 @@ def children(group: Any, label: str) -> list[tuple[str, Any]]:
 
     A node that links to one of another file is that one.
     """
-    nodes = ((name, _linked(each)) for name, each in sorted(group.items()))
-    return [(name, each) for name, each in nodes if _label(each) == label]
+    nodes = ((name, _linked(node)) for name, node in sorted(group.items()))
+    return [(name, node) for name, node in nodes if _label(node) == label]
 
 
 def _linked(node: Any) -> Any:
@@ -329,8 +329,8 @@ def check_units(path: Path, root: Any) -> None:
     """Refuses a file in other units than SI, or of data without a dimension."""
     for node in nodes_in(root):
         if _label(node) == "DimensionalUnits_t":
-            text = data_of(path, node).astype(np.uint8).tobytes().decode("latin-1")
-            names = {text[place : place + 32].strip("\0 ") for place in range(0, len(text), 32)}
+            units = data_of(path, node).astype(np.uint8).tobytes().decode("latin-1")
+            names = {units[place : place + 32].strip("\0 ") for place in range(0, len(units), 32)}
             if odd := names - _SI:
                 raise SprayError(f"{path}: {node.name}: is in {min(odd)}; expected: SI")
         elif _label(node) == "DataClass_t":

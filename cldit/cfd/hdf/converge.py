@@ -52,23 +52,23 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of a post file, or of a folder of them."""
     path = spec.file
     files = _by_time(path)
-    known = [time for time in files if time is not None]
-    if len(known) == len(files):
-        at: float | None = choose_time(str(path), known, spec.time_s)
+    times = [time for time in files if time is not None]
+    if len(times) == len(files):
+        at: float | None = choose_time(str(path), times, spec.time_s)
     elif len(files) == 1 and spec.time_s in (None, "latest"):
         at = None
     else:
         raise SprayError(f"{path}: a file has no OUTPUT_TIME; give the path of one file")
-    what = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
-    chosen = only_claimant(what, files[at])
+    role = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
+    chosen = only_claimant(role, files[at])
     with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
             if "openPMD" in post.attrs:
                 way = "convert fields and particles to .vtu and .vtp, or to tables"
                 raise SprayError(f"{chosen}: is openPMD, which is not read; {way}")
-            others = "Fluent's are named .cas.h5 and .dat.h5, VTK's HDF .vtkhdf"
-            raise SprayError(f"{chosen}: no STREAM_00, so no post file of CONVERGE ({others})")
+            hint = "Fluent's are named .cas.h5 and .dat.h5, VTK's HDF .vtkhdf"
+            raise SprayError(f"{chosen}: no STREAM_00, so no post file of CONVERGE ({hint})")
         check_room(chosen, _size(streams))
 
         def read(stream: Any, name: str) -> Column:
@@ -95,14 +95,14 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 
 def _by_time(path: Path) -> dict[float | None, list[Path]]:
     """Files by their OUTPUT_TIME in s (None: not stated): `path`, or all .h5 files of a folder."""
-    found: dict[float | None, list[Path]] = {}
-    for each in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
-        with open_hdf(each) as file:
+    by_time: dict[float | None, list[Path]] = {}
+    for source in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
+        with open_hdf(source) as file:
             value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
-        found.setdefault(float(value[0]) if len(value) else None, []).append(each)
-    if not found:
+        by_time.setdefault(float(value[0]) if len(value) else None, []).append(source)
+    if not by_time:
         raise SprayError(f"{path}: no .h5 file in it")
-    return found
+    return by_time
 
 
 # bytes for each number; a corner is held as it is stored and as a label
@@ -119,19 +119,19 @@ def _size(streams: list[Any]) -> Size:
     def count(group: Any, name: str) -> int:
         return int(group[name].size) if name in group else 0
 
-    held = sum(count(stream, name) * each for stream in streams for name, each in _HELD.items())
+    held = sum(count(stream, name) * width for stream in streams for name, width in _HELD.items())
     fields = [stream.get("CELL_CENTER_DATA", {}).values() for stream in streams]
-    cells = sum(max((int(each.size) for each in values), default=0) for values in fields)
+    cells = sum(max((int(array.size) for array in values), default=0) for values in fields)
     groups = [group for stream in streams for group in cloud_groups(stream).values()]
     return Size(cells, sum(count(group, "PARCEL_X") for group in groups), held + 40 * cells)
 
 
-def _chosen_among(path: Path, available: Sequence[str], given: CellColumns) -> Iterator[str]:
+def _chosen_among(path: Path, available: Sequence[str], mapped: CellColumns) -> Iterator[str]:
     """Remarks on which of several fields was taken for a quantity."""
-    for key, known in CONVERGE_NAMES.items():
-        there = [name for name in known if name in available]
-        if key != "fuel" and len(there) > 1 and key not in given.model_fields_set:
-            yield f"{path}: of {' and '.join(there)}, {there[0]} was used as the {key}."
+    for key, names in CONVERGE_NAMES.items():
+        present = [name for name in names if name in available]
+        if key != "fuel" and len(present) > 1 and key not in mapped.model_fields_set:
+            yield f"{path}: of {' and '.join(present)}, {present[0]} was used as the {key}."
 
 
 def cloud_groups(stream: Any) -> dict[str, Any]:
@@ -144,17 +144,17 @@ def cloud_groups(stream: Any) -> dict[str, Any]:
     return {f"{kind}/{name}": root[kind][name] for kind in root for name in root[kind]}
 
 
-def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap) -> Cloud | None:
+def _cloud(path: Path, streams: list[Any], choice: str | None, names: ColumnMap) -> Cloud | None:
     groups = [cloud_groups(stream) for stream in streams]
-    every = [pair for each in groups for pair in each.items()]
-    present = {name for name, _ in every}
-    filled = {name for name, each in every if name == wanted or len(each.get("PARCEL_X", ())) > 0}
-    if present and not filled and wanted is None:
+    clouds = [pair for group in groups for pair in group.items()]
+    present = {name for name, _ in clouds}
+    filled = {key for key, group in clouds if key == choice or len(group.get("PARCEL_X", ())) > 0}
+    if present and not filled and choice is None:
         raise EmptyCloud(f"{path}: no parcel in {', '.join(sorted(present))}")
-    chosen = choose_cloud(str(path), filled, wanted)
+    chosen = choose_cloud(str(path), filled, choice)
     if chosen is None:
         return None
-    parts = [each[chosen] for each in groups if chosen in each]
+    parts = [group[chosen] for group in groups if chosen in group]
     fields = sorted(set.intersection(*(set(part) for part in parts)))
     label = f"{path}: {chosen}"
 
@@ -171,9 +171,9 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
 def parcel_names(columns: Container[str]) -> ParcelColumns:
     """Names of CONVERGE that are among the columns of parcels."""
-    default: dict[str, Any] = {key: first_of(known, columns) for key, known in _PARCEL.items()}
+    default: dict[str, Any] = {key: first_of(aliases, columns) for key, aliases in _PARCEL.items()}
     vectors = [(f"{name}_X", f"{name}_Y", f"{name}_Z") for name in _VELOCITY]
-    velocity = next((each for each in vectors if all(name in columns for name in each)), None)
+    velocity = next((vector for vector in vectors if all(name in columns for name in vector)), None)
     default["velocity"] = None if velocity is None else Vector(columns=velocity)
     return ParcelColumns(**default)
 
@@ -182,8 +182,8 @@ def list_converge(spec: CfdSpray) -> Listing:
     """Lists times [s], cell fields, and clouds with their fields, at the time asked for."""
     path = spec.file
     files = _by_time(path)
-    known = [time for time in files if time is not None]
-    at = choose_time(str(path), known, spec.time_s) if known else None
+    times = [time for time in files if time is not None]
+    at = choose_time(str(path), times, spec.time_s) if times else None
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
     with open_hdf(only_claimant(f"time {at}", files[at])) as post:
@@ -191,7 +191,7 @@ def list_converge(spec: CfdSpray) -> Listing:
             if _STREAM.match(name):
                 fields |= set(post[name].get("CELL_CENTER_DATA", ()))
                 clouds |= {key: sorted(part) for key, part in cloud_groups(post[name]).items()}
-    return known, sorted(fields), clouds
+    return times, sorted(fields), clouds
 
 
 def post_mesh(path: Path, stream: Any) -> Mesh:

@@ -50,25 +50,25 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     case, data = pair(path)
     with open_hdf(case) as file:
         mesh_group = _group(case, file, _MESH)
-        for name, what in _UNREAD.items():
+        for name, feature in _UNREAD.items():
             if name in file:
-                raise SprayError(f"{case}: {what} ({name}), which is not read; {_WAY}")
+                raise SprayError(f"{case}: {feature} ({name}), which is not read; {_WAY}")
         cells = _count(case, mesh_group, "cellCount")
         faces, nodes = (_count(case, mesh_group, name) for name in ("faceCount", "nodeCount"))
         check_room(case, Size(cells, 0, (4 * 12 + 44) * faces + 24 * nodes + 40 * cells))
         watch("reading the mesh", 0, 1)
         mesh = _mesh(case, mesh_group, cells)
     with open_hdf(data) as file:
-        if others := sorted(set(_group(data, file, "results/1")) & _OTHER_PHASES):
-            raise SprayError(f"{data}: {', '.join(others)} in addition to phase-1; {_WAY}")
+        if phases := sorted(set(_group(data, file, "results/1")) & _OTHER_PHASES):
+            raise SprayError(f"{data}: {', '.join(phases)} in addition to phase-1; {_WAY}")
         held = _group(data, file, _CELLS)
-        known = _fields(held)
+        fields = _fields(held)
 
         def read(name: str) -> Column:
             watch(f"reading {name}", 0, 1)
             return Column(f"{data}: cell field {name}", _field(data, held[name], cells))
 
-        part = MeshPart(str(data), mesh, Fields(known, read))
+        part = MeshPart(str(data), mesh, Fields(fields, read))
         gas = join_gas(data, [part], names.cells, spec.fuel_field, FLUENT_NAMES)
     return replace(gas, files=(*hdf_files(case), *hdf_files(data)))
 
@@ -83,13 +83,13 @@ def list_fluent(spec: CfdSpray) -> Listing:
 def pair(path: Path) -> tuple[Path, Path]:
     """Paths of case and data, of which `path` is one."""
     stem = re.sub(r"\.(cas|dat)\.h5$", "", path.name, flags=re.IGNORECASE)
-    known = {each.name.lower(): each for each in path.parent.iterdir()}
-    found = [known.get(f"{stem.lower()}{ending}") for ending in ENDINGS]
-    for ending, file in zip(ENDINGS, found, strict=True):
+    by_name = {entry.name.lower(): entry for entry in path.parent.iterdir()}
+    files = [by_name.get(f"{stem.lower()}{ending}") for ending in ENDINGS]
+    for ending, file in zip(ENDINGS, files, strict=True):
         if file is None:
             hint = "Fluent's case and data are read together"
             raise SprayError(f"{path}: {stem}{ending} is missing; {hint}")
-    case, data = found
+    case, data = files
     assert case is not None and data is not None
     return case, data
 
@@ -115,23 +115,23 @@ def _count(path: Path, group: Any, name: str) -> int:
 def _sections(path: Path, group: Any) -> list[tuple[int, int, Any]]:
     """First and last index (from 1) of each section of ids, and its group."""
     parts = [group[name] for name in sorted(group) if name.isdigit()]
-    found = [(_count(path, part, "minId"), _count(path, part, "maxId"), part) for part in parts]
-    return sorted(found, key=lambda each: each[:2])
+    sections = [(_count(path, part, "minId"), _count(path, part, "maxId"), part) for part in parts]
+    return sorted(sections, key=lambda section: section[:2])
 
 
 def _in_order(path: Path, group: Any, count: int) -> list[tuple[int, int, Any]]:
     """Sections that cover 1 to `count` once."""
-    found = _sections(path, group)
-    begins, ends = [low - 1 for low, _, _ in found], [high for _, high, _ in found]
+    sections = _sections(path, group)
+    begins, ends = [low - 1 for low, _, _ in sections], [high for _, high, _ in sections]
     if [*begins, count] != [0, *ends]:
         raise SprayError(f"{path}: {group.name}: its sections do not cover 1..{count} once")
-    return found
+    return sections
 
 
 def _field(path: Path, group: Any, count: int) -> NDArray[Any]:
     sections = _in_order(path, group, count)
-    keys = [(each.name.rpartition("/")[2], high - low + 1) for low, high, each in sections]
-    parts = [field(path, group, *each) for each in keys]
+    keys = [(section.name.rpartition("/")[2], high - low + 1) for low, high, section in sections]
+    parts = [field(path, group, *key) for key in keys]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 

@@ -63,37 +63,37 @@ class Source:
     columns: Mapping[str, Column]
     rows: int
 
-    def scalar(self, wanted: Scalar, key: str) -> Column:
+    def scalar(self, quantity: Scalar, key: str) -> Column:
         """Column or constant in SI, (N,); `key` is that of the mapping, as `cells.fuel`."""
-        if wanted.value is not None:
-            factor, offset = self._unit(wanted.unit, key)
-            value = wanted.value * factor + offset
+        if quantity.value is not None:
+            factor, offset = self._unit(quantity.unit, key)
+            value = quantity.value * factor + offset
             return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
-        name, found = self._column(str(wanted.column), key)
-        unit = self._stated(name, found, wanted.unit, key)
-        factor, offset = self._unit(unit, key, found.label)
-        values = found.values
-        if found.undefined is not None and found.undefined.any():
-            if wanted.undefined is None:
-                way = f"{key.partition('.')[2]}: {{column: {wanted.column}, undefined: 0}}"
+        name, column = self._column(str(quantity.column), key)
+        unit = self._stated(name, column, quantity.unit, key)
+        factor, offset = self._unit(unit, key, column.label)
+        values = column.values
+        if column.undefined is not None and column.undefined.any():
+            if quantity.undefined is None:
+                way = f"{key.partition('.')[2]}: {{column: {quantity.column}, undefined: 0}}"
                 raise SprayError(
-                    f"{found.label}: {int(found.undefined.sum())} of {len(values)} values are "
+                    f"{column.label}: {int(column.undefined.sum())} of {len(values)} values are "
                     f"marked as undefined ({key}); a mapping file may replace them: {way}"
                 )
-            values = np.where(found.undefined, wanted.undefined, values)
+            values = np.where(column.undefined, quantity.undefined, values)
         if (factor, offset) != (1.0, 0.0):  # else as it is stored: large columns are not copied
             values = np.asarray(values, np.float64) * factor + offset
-        return Column(found.label, values, unit=unit)
+        return Column(column.label, values, unit=unit)
 
-    def vector(self, wanted: Vector, key: str) -> Column:
+    def vector(self, quantity: Vector, key: str) -> Column:
         """Three columns in SI, (N, 3)."""
-        named = [self._column(name, key) for name in wanted.columns]
-        units = {self._stated(name, found, wanted.unit, key) for name, found in named}
+        named = [self._column(name, key) for name in quantity.columns]
+        units = {self._stated(name, column, quantity.unit, key) for name, column in named}
         if len(units) > 1:
             raise SprayError(f"{self.name}: {key}: columns of several units in their names")
         factor, _ = self._unit(units.pop(), key)
         labels = list(dict.fromkeys(column.label for _, column in named))
-        label = labels[0] if len(labels) == 1 else f"{self.name}: {', '.join(wanted.columns)}"
+        label = labels[0] if len(labels) == 1 else f"{self.name}: {', '.join(quantity.columns)}"
         values = np.stack([column.values for _, column in named], axis=1, dtype=np.float64)
         return Column(label, values * factor)
 
@@ -101,16 +101,16 @@ class Source:
         """Column of that name, or the only one of that name with a unit: `T` for `T [K]`."""
         if name in self.columns:
             return name, self.columns[name]
-        found = [each for each in self.columns if without_unit(each) == name]
-        if len(found) != 1:
-            known = ", ".join(self.columns) or "none"
-            raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {known}")
-        return found[0], self.columns[found[0]]
+        matches = [candidate for candidate in self.columns if without_unit(candidate) == name]
+        if len(matches) != 1:
+            available = ", ".join(self.columns) or "none"
+            raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {available}")
+        return matches[0], self.columns[matches[0]]
 
-    def _stated(self, name: str, found: Column, unit: str | None, key: str) -> str | None:
+    def _stated(self, name: str, column: Column, unit: str | None, key: str) -> str | None:
         """Unit that the mapping gives, else that of the file or in the column's name."""
         meant = quantity_in(name, key.partition(".")[2])
-        stated = unit_in(name) or (found.unit and spelled(found.unit))
+        stated = unit_in(name) or (column.unit and spelled(column.unit))
         stated = meant if stated in (None, "1") and meant is not None else stated
         if stated is None or (unit is not None and stated not in units_of(key.partition(".")[2])):
             return unit
@@ -122,23 +122,23 @@ class Source:
         )
 
     def _unit(self, unit: str | None, key: str, label: str = "") -> tuple[float, float]:
-        known = units_of(key.partition(".")[2])
+        units = units_of(key.partition(".")[2])
         if unit is None:
-            return next(iter(known.values()))
-        if unit not in known:
-            allowed = ", ".join(known)
+            return next(iter(units.values()))
+        if unit not in units:
+            allowed = ", ".join(units)
             where = label or self.name
             raise SprayError(f"{where}: {key}: unit {unit!r} is unknown; allowed: {allowed}")
-        return known[unit]
+        return units[unit]
 
 
-def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[str, Column]:
+def gas_columns(source: Source, mapping: CellColumns, fuel_field: str) -> dict[str, Column]:
     """Mapped ones of T, p, rho and the fuel's mass fraction, (N,) in SI, by OpenFOAM's names."""
     names = {"temperature": "T", "pressure": "p", "density": "rho", "fuel": fuel_field}
     gas = {
         name: source.scalar(value, f"cells.{key}")
         for key, name in names.items()
-        if (value := getattr(wanted, key)) is not None
+        if (value := getattr(mapping, key)) is not None
     }
     for column in gas.values():
         if len(column.values) != source.rows:
@@ -146,23 +146,23 @@ def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[st
     return gas
 
 
-def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
+def cloud_columns(source: Source, mapping: ParcelColumns) -> dict[str, Column]:
     """Mapped columns of parcels in SI, by OpenFOAM's names.
 
     The number of droplets may come from the parcel's mass, which needs diameter and density.
     """
     fields: dict[str, Column] = {}
     for key, name in (PARCEL_FIELDS | {"origin": "origin"}).items():
-        value = getattr(wanted, key)
+        value = getattr(mapping, key)
         if isinstance(value, Vector):
             fields[name] = source.vector(value, f"parcels.{key}")
         elif value is not None:
             fields[name] = source.scalar(value, f"parcels.{key}")
-    if wanted.radius is not None and wanted.diameter is None:
-        radius = source.scalar(wanted.radius, "parcels.radius")
+    if mapping.radius is not None and mapping.diameter is None:
+        radius = source.scalar(mapping.radius, "parcels.radius")
         fields["d"] = Column(f"{radius.label} (radius, doubled)", 2.0 * radius.values)
-    if wanted.mass is not None and "d" in fields and "rho" in fields:
-        mass = source.scalar(wanted.mass, "parcels.mass")
+    if mapping.mass is not None and "d" in fields and "rho" in fields:
+        mass = source.scalar(mapping.mass, "parcels.mass")
         droplet = fields["rho"].values * np.pi / 6 * fields["d"].values ** 3
         dummy = fields["d"].values == 0.0
         if not np.all((droplet > 0.0) | dummy):
@@ -213,8 +213,8 @@ def mapped_cloud(
     rows = Source(source, columns | doubles, len(position_m.values))
     fields = cloud_columns(rows, parcels)
     parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
-    own = {key: column for key, column in columns.items() if key not in parts}
-    return complete_cloud(name, source, _double(position_m), fields, own, columns_of(parcels))
+    separate = {key: column for key, column in columns.items() if key not in parts}
+    return complete_cloud(name, source, _double(position_m), fields, separate, columns_of(parcels))
 
 
 def _double(column: Column) -> Column:

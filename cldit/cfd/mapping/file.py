@@ -7,6 +7,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.io.plain_data import read_mapping
 from cldit.scene.checks import Section, describe
@@ -16,7 +17,14 @@ from cldit.scene.spray import Check
 _PLAIN = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "volume": {"m3": 1.0, "l": 1e-3, "cm3": 1e-6, "mm3": 1e-9},
-    "pressure": {"Pa": 1, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "atm": 101325, "Pa absolute": 1},
+    "pressure": {
+        "Pa": 1,
+        "kPa": 1e3,
+        "MPa": 1e6,
+        "bar": 1e5,
+        "atm": STANDARD_ATMOSPHERE_Pa,
+        "Pa absolute": 1,
+    },
     "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},
     "fraction": {"1": 1.0, "%": 1e-2, "mol/mol": 1.0},
     "count": {"1": 1.0},
@@ -26,7 +34,9 @@ _PLAIN = {
 }
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
     kind: {unit: (factor, 0.0) for unit, factor in units.items()} for kind, units in _PLAIN.items()
-} | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
+} | {
+    "temperature": {"K": (1.0, 0.0), "degC": (1.0, ZERO_CELSIUS_K), "degF": (5 / 9, 459.67 * 5 / 9)}
+}
 
 
 # by the powers of kg, m, s, K, and one that is 0 (OpenFOAM: kmol, CGNS: degree)
@@ -104,7 +114,7 @@ class Scalar(Section):
     undefined: float | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> "Scalar":
+    def _column_or_value(self) -> "Scalar":
         if (self.column is None) == (self.value is None):
             raise ValueError("needs either column or value")
         return self
@@ -117,18 +127,18 @@ class Vector(Section):
     unit: str | None = None
 
 
-def _short_scalar(given: object) -> object:
-    if isinstance(given, str):
-        return {"column": given}
-    if isinstance(given, (int, float)) and not isinstance(given, bool):
-        return {"value": given}
-    return given
+def _short_scalar(value: object) -> object:
+    if isinstance(value, str):
+        return {"column": value}
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return {"value": value}
+    return value
 
 
-def _short_vector(given: object) -> object:
-    if isinstance(given, str):  # the name of a vector
-        return {"columns": [f"{given}_{letter}" for letter in "XYZ"]}
-    return {"columns": given} if isinstance(given, (list, tuple)) else given
+def _short_vector(value: object) -> object:
+    if isinstance(value, str):  # the name of a vector
+        return {"columns": [f"{value}_{letter}" for letter in "XYZ"]}
+    return {"columns": value} if isinstance(value, (list, tuple)) else value
 
 
 A = Annotated[Scalar | None, BeforeValidator(_short_scalar)]
@@ -180,15 +190,15 @@ class ParcelColumns(Table):
     origin: V = None
 
     @model_validator(mode="after")
-    def _once(self) -> "ParcelColumns":
-        for one, other in PAIRS:
-            if getattr(self, one) is not None and getattr(self, other) is not None:
-                raise ValueError(f"{one} and {other} are both given; allowed: one of them")
+    def _no_pair(self) -> "ParcelColumns":
+        for key, alternative in PAIRS:
+            if getattr(self, key) is not None and getattr(self, alternative) is not None:
+                raise ValueError(f"{key} and {alternative} are both given; allowed: one of them")
         return self
 
-    def among(self, known: Collection[str]) -> "ParcelColumns":
-        """Restricts the quantities to those of `known` columns."""
-        absent = {key: None for key, value in self if not columns_of_value(value) <= set(known)}
+    def among(self, columns: Collection[str]) -> "ParcelColumns":
+        """Restricts the quantities to those with all their columns in `columns`."""
+        absent = {key: None for key, value in self if not columns_of_value(value) <= set(columns)}
         return self.model_copy(update=absent)
 
 
@@ -214,14 +224,14 @@ def read_column_map(path: Path) -> ColumnMap:
 S = TypeVar("S", CellColumns, ParcelColumns)
 
 
-def merged(given: S | None, default: S) -> S:
-    """Overrides `default` by the keys `given`; a given diameter drops the radius, and so on."""
-    if given is None:
+def merged(mapping: S | None, default: S) -> S:
+    """Overrides `default` by the keys set in `mapping`; a diameter drops the radius, and so on."""
+    if mapping is None:
         return default
-    chosen = {name: getattr(given, name) for name in given.model_fields_set}
-    for here, there in (*PAIRS, *(pair[::-1] for pair in PAIRS)):
-        if chosen.get(here) is not None:
-            chosen.setdefault(there, None)
+    chosen = {name: getattr(mapping, name) for name in mapping.model_fields_set}
+    for key, alternative in (*PAIRS, *(pair[::-1] for pair in PAIRS)):
+        if chosen.get(key) is not None:
+            chosen.setdefault(alternative, None)
     return default.model_copy(update=chosen)
 
 
@@ -242,25 +252,25 @@ FOAM_NAMES = {"temperature": ("T",), "pressure": ("p",), "density": ("rho",), "f
 
 
 def gas_names(
-    given: CellColumns,
-    known: Container[str],
+    mapping: CellColumns,
+    available: Container[str],
     fuel_field: str,
     default: Mapping[str, tuple[str, ...]] = FOAM_NAMES,
 ) -> CellColumns:
-    """Names of the cell fields: those that a mapping has `given`, else the format's own.
+    """Names of the cell fields: those that a `mapping` sets, else the format's own.
 
-    The first `default` name of a quantity that is among the `known` fields is taken. A missing
+    The first `default` name of a quantity that is among the `available` fields is used. A missing
     field is reported later, where it is needed.
     """
     named = {key: [name.format(fuel_field) for name in names] for key, names in default.items()}
-    found = {key: first_of(names, known) for key, names in named.items()}
-    return merged(given, CellColumns(**found))
+    columns = {key: first_of(names, available) for key, names in named.items()}
+    return merged(mapping, CellColumns(**columns))
 
 
-def first_of(names: Iterable[str], known: Container[str]) -> Scalar | None:
-    """Column of the first of the `names` that is `known`; None if none is."""
-    found = next((name for name in names if name in known), None)
-    return None if found is None else Scalar(column=found)
+def first_of(names: Iterable[str], available: Container[str]) -> Scalar | None:
+    """Column of the first of the `names` that is `available`; None if none is."""
+    column = next((name for name in names if name in available), None)
+    return None if column is None else Scalar(column=column)
 
 
 def columns_of_value(value: object) -> set[str]:
@@ -268,6 +278,6 @@ def columns_of_value(value: object) -> set[str]:
     return ({getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))) - {""}
 
 
-def columns_of(wanted: CellColumns | ParcelColumns) -> set[str]:
+def columns_of(mapping: CellColumns | ParcelColumns) -> set[str]:
     """Column names that a part of a mapping uses."""
-    return {name for _, value in wanted for name in columns_of_value(value)}
+    return {name for _, value in mapping for name in columns_of_value(value)}

@@ -58,13 +58,13 @@ class PointMesh(CellMesh):
         """Volume, centroid and bounds of `cells` (N,), by their faces."""
         measures = Measures.empty(len(cells))
         for place, part in self.polyhedra(cells):
-            for chosen, fault, own in geometry.measure(part):
-                here = place[chosen]
+            for chosen, fault, values in geometry.measure(part):
+                indices = place[chosen]
                 if fault.any():
                     bad = int(np.flatnonzero(fault)[0])
-                    text = _FAULTS[fault[bad] - 1].format(cells[here[bad]])
-                    raise SprayError(f"{self.source}: {text}")
-                measures.put(here, own)
+                    message = _FAULTS[fault[bad] - 1].format(cells[indices[bad]])
+                    raise SprayError(f"{self.source}: {message}")
+                measures.put(indices, values)
         return measures
 
     @cached_property
@@ -74,8 +74,8 @@ class PointMesh(CellMesh):
 
     def points(self) -> Iterator[AnyFloats]:
         """All points of the mesh, (P, 3) of some at a time."""
-        for some in slices(len(self.points_m)):
-            yield self.points_m[some]
+        for part in slices(len(self.points_m)):
+            yield self.points_m[part]
 
 
 def slices(count: int) -> Iterator[slice]:
@@ -101,8 +101,8 @@ def checked_points(source: str, points_m: AnyFloats) -> tuple[Floats, Floats]:
     return lower.astype(np.float64), upper.astype(np.float64)
 
 
-def check_labels(source: str, what: str, labels: Labels, *, low: int, end: int) -> None:
-    """Refuses `labels` of any shape outside low..end - 1; errors name `source` and `what`."""
+def check_labels(source: str, kind: str, labels: Labels, *, low: int, end: int) -> None:
+    """Refuses `labels` of any shape outside low..end - 1; errors name `source` and `kind`."""
     if labels.size and (labels.min() < low or labels.max() >= end):
-        found = f"{what} labels {labels.min()} to {labels.max()} of the faces"
-        raise SprayError(f"{source}: {found}, allowed: {low}..{end - 1}")
+        span = f"{kind} labels {labels.min()} to {labels.max()} of the faces"
+        raise SprayError(f"{source}: {span}, allowed: {low}..{end - 1}")

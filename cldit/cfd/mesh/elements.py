@@ -43,8 +43,8 @@ _REGULAR = {
     12: (_VOXEL[[0, 1, 3, 2, 4, 5, 7, 6]], 1.0),
     13: (_VOXEL[[0, 1, 2, 4, 5, 6]], 1 / 2),
 }
-_STRAIGHT = 1e-4  # of the height of a cell, by which corners may miss a regular one's
-_AT_ONCE = 8_000  # cells, whose corners stay in the cache
+_STRAIGHT = 1e-4  # of the height of a cell: such a miss of a corner changes its volume by 1e-8
+_AT_ONCE = 8_000  # cells: corners (8, N, 3) of hexahedra take 1.5 MB and stay in the cache
 
 
 def block_corners(shape: Sequence[int]) -> Labels:
@@ -59,14 +59,14 @@ def block_corners(shape: Sequence[int]) -> Labels:
 def elements(points_m: AnyFloats, kind: int, nodes: Labels) -> Polyhedra:
     """Elements of one `kind` of `FACES` as polyhedra; points_m (P, 3), nodes (N, corners)."""
     faces = FACES[kind]
-    around = np.array([corner for face in faces for corner in face])
+    order = np.array([corner for face in faces for corner in face])
     ends = np.cumsum([len(face) for face in faces])
     count = len(nodes)
     start = np.zeros(count * len(faces) + 1, np.int64)
     start[1:] = (np.arange(count)[:, None] * ends[-1] + ends).reshape(-1)
     return Polyhedra(
         points_m=points_m,
-        corners=nodes[:, around].reshape(-1).astype(np.int32),
+        corners=nodes[:, order].reshape(-1).astype(np.int32),
         start=start,
         first=np.arange(count + 1) * len(faces),
         sides=np.arange(count * len(faces), dtype=np.int32),
@@ -122,21 +122,22 @@ class ElementMesh(PointMesh):
                 )
             elif np.any((self.kinds == kind) & (sizes != CORNERS[kind])):
                 cell = int(np.argmax((self.kinds == kind) & (sizes != CORNERS[kind])))
-                what = f"cell {cell} of vtk type {kind} has {sizes[cell]} corners"
-                raise SprayError(f"{self.source}: {what}, expected {CORNERS[kind]}")
+                problem = f"cell {cell} of vtk type {kind} has {sizes[cell]} corners"
+                raise SprayError(f"{self.source}: {problem}, expected {CORNERS[kind]}")
         if sizes.min() < 0:
             raise SprayError(f"{self.source}: a cell of the mesh has fewer than no corners")
 
     def _kinds(self, kinds: NDArray[np.integer]) -> list[int]:
-        one = self.kinds.strides == (0,)  # repeated, without being stored
-        return [int(kind) for kind in (kinds[:1] if one else np.unique(kinds))]
+        uniform = self.kinds.strides == (0,)  # repeated, without being stored
+        return [int(kind) for kind in (kinds[:1] if uniform else np.unique(kinds))]
 
-    def _check_polyhedra(self, own: PolyhedronFaces) -> None:
-        check_labels(self.source, "point", own.corners, low=0, end=len(self.points_m))
-        check_labels(self.source, "face", own.faces, low=0, end=len(own.start) - 1)
-        ends = own.start[-1] == len(own.corners) and own.first[-1] == len(own.faces)
-        rising = np.diff(own.start).min(initial=3) >= 3 and np.diff(own.first).min(initial=0) >= 0
-        if not (ends and rising and len(own.first) == self.cells + 1):
+    def _check_polyhedra(self, solid: PolyhedronFaces) -> None:
+        check_labels(self.source, "point", solid.corners, low=0, end=len(self.points_m))
+        check_labels(self.source, "face", solid.faces, low=0, end=len(solid.start) - 1)
+        ends = solid.start[-1] == len(solid.corners) and solid.first[-1] == len(solid.faces)
+        corners, faces = np.diff(solid.start), np.diff(solid.first)
+        rising = corners.min(initial=3) >= 3 and faces.min(initial=0) >= 0
+        if not (ends and rising and len(faces) == self.cells):
             raise SprayError(f"{self.source}: the faces of the polyhedra do not fit their cells")
 
     @property
@@ -158,8 +159,8 @@ class ElementMesh(PointMesh):
             for begin in range(0, len(of_kind), _AT_ONCE):
                 place = of_kind[begin : begin + _AT_ONCE]
                 corner = self.offsets[cells[place]] + np.arange(CORNERS[kind])[:, None]
-                regular, own = _regular(kind, self.points_m[self.nodes[corner]])
-                measures.put(place, own)
+                regular, values = _regular(kind, self.points_m[self.nodes[corner]])
+                measures.put(place, values)
                 rest[place] = ~regular
         if rest.any():
             measures.put(np.flatnonzero(rest), super().measure(cells[rest]))
@@ -169,15 +170,15 @@ class ElementMesh(PointMesh):
         """Faces of `cells` (N,), one kind after the other."""
         kinds = self.kinds[cells]
         for kind in self._kinds(kinds):
-            here = np.flatnonzero(kinds == kind)
+            indices = np.flatnonzero(kinds == kind)
             if kind == POLYHEDRON:
-                own = self.faces
-                assert own is not None
-                faces = own.corners, own.start, own.first, own.faces
-                yield here, Polyhedra(self.points_m, *faces, cells[here])
+                solid = self.faces
+                assert solid is not None
+                faces = solid.corners, solid.start, solid.first, solid.faces
+                yield indices, Polyhedra(self.points_m, *faces, cells[indices])
             else:
-                corner = self.offsets[cells[here], None] + np.arange(CORNERS[kind])
-                yield here, elements(self.points_m, kind, self.nodes[corner])
+                corner = self.offsets[cells[indices], None] + np.arange(CORNERS[kind])
+                yield indices, elements(self.points_m, kind, self.nodes[corner])
 
 
 def _regular(kind: int, corners_m: AnyFloats) -> tuple[Mask, Measures]:
@@ -231,6 +232,6 @@ class BoxMesh(CellMesh):
 
     def points(self) -> Iterator[AnyFloats]:
         """Corners of all boxes, (P, 3) of some at a time."""
-        for some in slices(self.cells):
-            lower, upper = self.lower_m[some, None], self.upper_m[some, None]
+        for part in slices(self.cells):
+            lower, upper = self.lower_m[part, None], self.upper_m[part, None]
             yield np.where(_VOXEL == 1, upper, lower).reshape(-1, 3)

@@ -48,12 +48,12 @@ class Mesh(PointMesh):
             raise SprayError(
                 f"{self.source}: {len(self.owner)} owners for {len(self.start) - 1} faces"
             )
-        for what, labels, low, end in (
+        for kind, labels, low, end in (
             ("point", self.corners, 0, len(self.points_m)),
             ("owner", self.owner, 0, self.cells),
             ("neighbour", self.neighbour, -1, self.cells),
         ):
-            check_labels(self.source, what, labels, low=low, end=end)
+            check_labels(self.source, kind, labels, low=low, end=end)
         _ = self.extent_m
 
     @cached_property
@@ -66,15 +66,15 @@ class Mesh(PointMesh):
         points, sizes = len(self.points_m), np.diff(self.start)
         pairs = np.repeat(self.owner, sizes).astype(np.int64) * points + self.corners
         beyond = np.repeat(self.neighbour, sizes).astype(np.int64)
-        others = (beyond * points + self.corners)[beyond >= 0]
-        cell, point = np.divmod(np.unique(np.concatenate([pairs, others])), points)
+        neighbour_pairs = (beyond * points + self.corners)[beyond >= 0]
+        cell, point = np.divmod(np.unique(np.concatenate([pairs, neighbour_pairs])), points)
         total = np.bincount(cell, weights=values[point], minlength=self.cells)
         return np.asarray(total / np.bincount(cell, minlength=self.cells))
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
         """Faces of `cells` (N,), all in one part."""
-        first, sides = self._sides
-        faces = self.points_m, self.corners, self.start, first, sides
+        cell_start, sides = self._sides
+        faces = self.points_m, self.corners, self.start, cell_start, sides
         yield np.arange(len(cells)), Polyhedra(*faces, cells)
 
 
@@ -114,8 +114,8 @@ class JoinedMesh(CellMesh):
         measures = Measures.empty(len(cells))
         mesh = np.searchsorted(self._ends, cells, side="right")
         for number in np.unique(mesh).tolist():
-            here, part = np.flatnonzero(mesh == number), self.parts[number]
-            measures.put(here, part.measure(cells[here] - (self._ends[number] - part.cells)))
+            indices, part = np.flatnonzero(mesh == number), self.parts[number]
+            measures.put(indices, part.measure(cells[indices] - (self._ends[number] - part.cells)))
         return measures
 
 
@@ -126,14 +126,14 @@ def mesh_of_sides(
 
     A negative side is none; a face without a first one is turned to belong to its second.
     """
-    first, second = sides
-    turned = first < 0
+    inside, outside = sides
+    turned = inside < 0
     face = np.repeat(np.arange(len(turned)), np.diff(start))
     place = np.arange(len(corners))
     mirrored = (start[:-1] + start[1:] - 1)[face] - place
     corners = corners[np.where(turned[face], mirrored, place)]
-    owner = np.where(turned, second, first)
-    neighbour = np.where(turned | (second < 0), np.int32(-1), second)
+    owner = np.where(turned, outside, inside)
+    neighbour = np.where(turned | (outside < 0), np.int32(-1), outside)
     return Mesh(points_m, corners, start, owner, neighbour, cells, source)
 
 

@@ -18,7 +18,7 @@ from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_name
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
-from cldit.cfd.openfoam.collated import Root, split_roots
+from cldit.cfd.openfoam.collated import HEAD_BYTES, Root, split_roots
 from cldit.cfd.openfoam.file import find_foam, open_foam, read_foam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
@@ -47,8 +47,8 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         refuse_missing_parcels(step)
     chosen = choose_cloud(str(step.place), clouds, spec.cloud)
     available = sorted({name for root in step.roots for name in _file_names(root.path / folder)})
-    wanted = gas_names(names.cells, available, spec.fuel_field)
-    fields = len(columns_of(wanted) & set(available))
+    mapped = gas_names(names.cells, available, spec.fuel_field)
+    fields = len(columns_of(mapped) & set(available))
     places = [root.path / "constant" / step.region / "polyMesh" for root in step.roots]
     check_room(step.case, foam_size(places, fields=fields))
     files: list[Path] = []
@@ -65,11 +65,11 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     def read(root: Root, mesh: Mesh, name: str) -> Column:
         watch(f"reading {name}", 0, 1)
         file = root.path / folder / name
-        own = read_foam(file, root.block)
-        values, unit = internal_field(own, mesh.cells)
-        if own.time_s is not None:
-            times_s[own.path] = own.time_s
-        files.append(own.path)
+        field_file = read_foam(file, root.block)
+        values, unit = internal_field(field_file, mesh.cells)
+        if field_file.time_s is not None:
+            times_s[field_file.path] = field_file.time_s
+        files.append(field_file.path)
         return Column(root.label(file), values, unit=unit)
 
     parts = [
@@ -97,25 +97,25 @@ def list_openfoam(spec: CfdSpray) -> Listing:
     """Lists times [s], cell fields (`region/field` if there are regions), clouds with fields."""
     case = case_folder(spec.file)
     roots = [case, *dict.fromkeys(root.path for root in split_roots(case))]
-    known: dict[float, list[Path]] = {}
+    by_time: dict[float, list[Path]] = {}
     for root in roots:
         for time, folders in time_folders(root).items():
-            known.setdefault(time, []).extend(folders)
+            by_time.setdefault(time, []).extend(folders)
     fields: set[str] = set()
     clouds: dict[str, set[str]] = {}
-    for folder in known[choose_time(str(case), known, spec.time_s)]:
+    for folder in by_time[choose_time(str(case), by_time, spec.time_s)]:
         for name in [spec.region] if spec.region is not None else regions(case):
-            here = folder / name
-            if not here.is_dir():
+            place = folder / name
+            if not place.is_dir():
                 continue
-            fields |= {str(Path(name) / field) for field in _file_names(here)}
-            for each in cloud_names(here):
-                clouds.setdefault(each, set()).update(_file_names(here / "lagrangian" / each))
-    return list(known), sorted(fields), {name: sorted(found) for name, found in clouds.items()}
+            fields |= {str(Path(name) / field) for field in _file_names(place)}
+            for cloud in cloud_names(place):
+                clouds.setdefault(cloud, set()).update(_file_names(place / "lagrangian" / cloud))
+    return list(by_time), sorted(fields), {name: sorted(names) for name, names in clouds.items()}
 
 
 def _file_names(folder: Path) -> set[str]:
-    return {each.name.removesuffix(".gz") for each in folder.glob("*") if each.is_file()}
+    return {file.name.removesuffix(".gz") for file in folder.glob("*") if file.is_file()}
 
 
 def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | None:
@@ -124,14 +124,14 @@ def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | N
     None for a processor without cells. The paths of the files are added to `files`.
     """
     root, block = part.path, part.block
-    found = time_folders(root)
-    before = sorted((time for time in found if time <= time_s), reverse=True)
-    folders = [each / region / "polyMesh" for time in before for each in found[time]]
+    by_time = time_folders(root)
+    earlier = sorted((time for time in by_time if time <= time_s), reverse=True)
+    folders = [folder / region / "polyMesh" for time in earlier for folder in by_time[time]]
     folders.append(root / "constant" / region / "polyMesh")
 
     def latest(name: str) -> Path:
-        there = (each / name for each in folders if find_foam(each / name) is not None)
-        path = next(there, folders[-1] / name)
+        candidates = (folder / name for folder in folders if find_foam(folder / name) is not None)
+        path = next(candidates, folders[-1] / name)
         files.append(find_foam(path) or path)
         return path
 
@@ -158,20 +158,19 @@ def _cloud(
     times_s: dict[Path, float],
 ) -> Cloud:
     """Cloud of all processors; those that the spray has not reached have no folder for it."""
-    wanted = columns_of(merged(names.parcels, PARCEL_NAMES))
+    columns = columns_of(merged(names.parcels, PARCEL_NAMES))
     parts = [
-        read_cloud(place, mesh, root.block, wanted=wanted, files=files, times_s=times_s)
+        read_cloud(place, mesh, root.block, columns=columns, files=files, times_s=times_s)
         for root, mesh in meshes
         if (place := root.path / folder / "lagrangian" / name).is_dir()
     ]
     source = str(Path(parts[0][0].label).parent)
-    return joined_cloud(name, source, parts, names, wanted)
+    return joined_cloud(name, source, parts, names, columns)
 
 
-_HEAD = 10_000
 _NOTE = re.compile(rb"nPoints:\s*(\d+)\s+nCells:\s*(\d+)\s+nFaces:\s*(\d+)")
 _COUNT = re.compile(rb"^\s*(\d+)\s*\(", re.MULTILINE)
-_PACKED = 4  # bytes of a file for each byte of its .gz
+_PACKED = 4  # bytes for each of a .gz: lists of labels in text, of which gzip keeps a quarter
 
 
 def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
@@ -190,12 +189,12 @@ def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
 
 def _counts(owner: Path) -> tuple[int, int, int]:
     """Points, cells and faces, from OpenFOAM's note in the file, else from its list's length."""
-    found = find_foam(owner)
-    if found is None:
+    path = find_foam(owner)
+    if path is None:
         return 0, 0, 0
     try:
-        with open_foam(found) as stream:
-            head = stream.read(_HEAD)
+        with open_foam(path) as stream:
+            head = stream.read(HEAD_BYTES)
     except SprayError:  # the reader reports it
         return 0, 0, 0
     if (note := _NOTE.search(head)) is not None:

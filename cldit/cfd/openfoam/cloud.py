@@ -13,13 +13,13 @@ from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.names import species_in
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
-from cldit.cfd.openfoam.lists import labels, particles, scalars, vectors, whole
+from cldit.cfd.openfoam.lists import as_integers, labels, particles, scalars, vectors
 from cldit.errors import SprayError
 
 
 def cloud_names(time_folder: Path) -> list[str]:
     """Names of the folders in `lagrangian`."""
-    return sorted(each.name for each in time_folder.glob("lagrangian/*") if each.is_dir())
+    return sorted(folder.name for folder in time_folder.glob("lagrangian/*") if folder.is_dir())
 
 
 def read_cloud(
@@ -27,34 +27,34 @@ def read_cloud(
     mesh: Mesh,
     block: int | None,
     *,
-    wanted: set[str],
+    columns: set[str],
     files: list[Path],
     times_s: dict[Path, float],
 ) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3) and fields of one cloud, read from `positions`, else from `coordinates`.
 
-    Both may hold either form. `wanted`: names of fields, `U_X` means U; labels and shares of
-    species are read, too, if they can be. Adds the files read, and their times, to `files` and
-    `times_s`.
+    Both may contain either form. `columns`: names of fields, `U_X` means U; labels and shares of
+    species are read, too, if they are readable. Adds the files read, and their times, to `files`
+    and `times_s`.
     """
     names = ("positions", "coordinates")
-    found = next((folder / name for name in names if find_foam(folder / name)), None)
-    if found is None:
-        held = ", ".join(sorted(each.name for each in folder.iterdir())[:8]) or "nothing"
+    path = next((folder / name for name in names if find_foam(folder / name)), None)
+    if path is None:
+        held = ", ".join(sorted(entry.name for entry in folder.iterdir())[:8]) or "nothing"
         raise SprayError(
             f"{folder}: the cloud {folder.name!r} has neither positions nor coordinates (but: "
             f"{held}); restore them, choose another (spray.cloud), or spray.cloud: none"
         )
-    file = read_foam(found, block)
+    file = read_foam(path, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
     files.append(file.path)
     if file.time_s is not None:
         times_s[file.path] = file.time_s
     fields: dict[str, Column] = {}
-    needed = {*wanted, *(re.sub("_[XYZ]$", "", each) for each in wanted)}
-    others = {each.name.removesuffix(".gz") for each in folder.iterdir() if each.is_file()}
-    for name in sorted((needed & others) | (others - set(names))):
+    needed = {*columns, *(re.sub("_[XYZ]$", "", column) for column in columns)}
+    stored = {entry.name.removesuffix(".gz") for entry in folder.iterdir() if entry.is_file()}
+    for name in sorted((needed & stored) | (stored - set(names))):
         try:
             field = read_foam(folder / name, block)
             share = field.kind == "scalarField" and species_in(name) is not None
@@ -68,7 +68,7 @@ def read_cloud(
                 raise
             continue
         files.append(field.path)
-    return Column(str(found), position), fields
+    return Column(str(path), position), fields
 
 
 def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
@@ -81,11 +81,11 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     inverted, in the cells on both sides (polyMeshTetDecomposition::findFaceBasePts).
     """
     weights = rows[:, :4]
-    cell, face, turn = whole(file, rows[:, 4:]).T
+    cell, face, turn = as_integers(file, rows[:, 4:]).T
     faces = len(mesh.owner)
-    for what, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
+    for kind, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
         if label.size and (label.min() < 0 or label.max() >= end):
-            raise file.fail(f"a parcel in {what} {label.max()}, but the mesh has {end}")
+            raise file.fail(f"a parcel in {kind} {label.max()}, but the mesh has {end}")
     size = mesh.start[face + 1] - mesh.start[face]
     owned = mesh.owner[face] == cell
     if not np.all(owned | (mesh.neighbour[face] == cell)):
@@ -115,8 +115,8 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
 
 def _centroids(mesh: Mesh, cells: Labels) -> tuple[Floats, Labels]:
     """Centroids of some cells, each once, and the index of that of each of `cells`."""
-    each, at = np.unique(cells, return_inverse=True)
-    return mesh.measure(each).centroid_m, at
+    distinct, at = np.unique(cells, return_inverse=True)
+    return mesh.measure(distinct).centroid_m, at
 
 
 def _base_points(mesh: Mesh, faces: Labels) -> Labels:
@@ -134,15 +134,15 @@ def _base_points(mesh: Mesh, faces: Labels) -> Labels:
         good = candidate < size[unsettled]
         count = size[unsettled]
 
-        def corner(turn: int, first: Labels = begin[unsettled], count: Labels = count) -> Floats:
-            return np.asarray(mesh.points_m[mesh.corners[first + turn % count]])
+        def corner(turn: int, start: Labels = begin[unsettled], count: Labels = count) -> Floats:
+            return np.asarray(mesh.points_m[mesh.corners[start + turn % count]])
 
         origin = corner(candidate)
         outwards = origin - owned[unsettled]
         onwards = beyond[unsettled] - origin
         for turn in range(1, int(count.max(initial=0)) - 1):
-            first, second = corner(candidate + turn), corner(candidate + turn + 1)
-            normal = np.cross(first - origin, second - origin)
+            p1, p2 = corner(candidate + turn), corner(candidate + turn + 1)
+            normal = np.cross(p1 - origin, p2 - origin)
             right = np.einsum("ij,ij->i", normal, outwards) > 0.0
             right &= (neighbour[unsettled] < 0) | (np.einsum("ij,ij->i", normal, onwards) > 0.0)
             good &= right | (turn > count - 2)

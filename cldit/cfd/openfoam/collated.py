@@ -19,7 +19,7 @@ _NAME = re.compile(r"processors(\d+)(?:_(\d+)-(\d+))?$")
 GAP = rb"(?:\s++|//[^\n]*+\n|/\*(?>.*?\*/))*+"
 _BLOCK = re.compile(GAP + rb"(\d{1,18})\s*+\(", re.DOTALL)
 
-_GAP = 10_000  # bytes in which the size of a block is found
+HEAD_BYTES = 10_000  # in which a header, or the size of a block, ends: it has some 20 short lines
 
 
 @dataclass(frozen=True)
@@ -36,21 +36,21 @@ class Root:
 
 def split_roots(case: Path) -> list[Root]:
     """Parts of a decomposed case, by processor; empty if it is not decomposed."""
-    single = sorted(case.glob("processor[0-9]*"), key=lambda each: int(each.name[9:]))
+    single = sorted(case.glob("processor[0-9]*"), key=lambda folder: int(folder.name[9:]))
     folders = case.glob("processors[0-9]*")
-    found = [(each, match) for each in folders if (match := _NAME.match(each.name))]
-    if not found:
-        return [Root(each) for each in single]
-    counts = {int(match.group(1)) for _, match in found}
-    names = ", ".join(sorted(each.name for each, _ in found))
+    collated = [(folder, match) for folder in folders if (match := _NAME.match(folder.name))]
+    if not collated:
+        return [Root(folder) for folder in single]
+    counts = {int(match.group(1)) for _, match in collated}
+    names = ", ".join(sorted(folder.name for folder, _ in collated))
     if len(counts) > 1 or single:
-        others = f", and {single[0].name}" if single else ""
-        raise SprayError(f"{case}: is decomposed in more than one way: {names}{others}")
+        separate = f", and {single[0].name}" if single else ""
+        raise SprayError(f"{case}: is decomposed in more than one way: {names}{separate}")
     parts: dict[int, Root] = {}
-    for each, match in found:
-        first = int(match.group(2) or 0)
-        last = int(match.group(3)) if match.group(3) else int(match.group(1)) - 1
-        parts |= {number: Root(each, number - first) for number in range(first, last + 1)}
+    for folder, match in collated:
+        low = int(match.group(2) or 0)
+        high = int(match.group(3)) if match.group(3) else int(match.group(1)) - 1
+        parts |= {number: Root(folder, number - low) for number in range(low, high + 1)}
     count = counts.pop()
     if missing := sorted(set(range(count)) - set(parts)):
         raise SprayError(f"{case}: no folder for processor {missing[0]} of {count}; it has {names}")
@@ -59,10 +59,10 @@ def split_roots(case: Path) -> list[Root]:
 
 def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, bytes]:
     """Reads the first block and the block `block` of a collated file whose header ends `at`."""
-    first = inside = b""
+    first_block = inside = b""
     for number in range(block + 1):
         stream.seek(at)
-        match = _BLOCK.match(stream.read(_GAP))
+        match = _BLOCK.match(stream.read(HEAD_BYTES))
         if match is None:
             raise SprayError(
                 f"{path}: truncated, or of fewer processors: {number} blocks, no block {block}"
@@ -71,7 +71,7 @@ def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, 
         stream.seek(begin)
         if number in (0, block):
             inside = content(stream, path, size)
-            first = inside if number == 0 else first
+            first_block = inside if number == 0 else first_block
         else:
             stream.seek(begin + size)
         if stream.read(1) != b")":
@@ -79,4 +79,4 @@ def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, 
                 f"{path}: truncated or damaged: block {number} does not end after {size} bytes"
             )
         at = begin + size + 1
-    return first, inside
+    return first_block, inside

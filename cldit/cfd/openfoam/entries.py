@@ -20,8 +20,8 @@ _MACRO = re.compile(rb"\$\{?[:.]*(\w+)\}?")
 _DEEPEST = 10  # of macros in macros and files in files
 
 
-def top_level(file: FoamFile, at: int, known: dict[bytes, bytes], depth: int = 0) -> int:
-    """Adds the entries from `at` on to `known`, up to internalField, with those of included files.
+def top_level(file: FoamFile, at: int, entries: dict[bytes, bytes], depth: int = 0) -> int:
+    """Adds the entries from `at` on to `entries`, up to internalField, and those of included files.
 
     Returns the place of the value of internalField; -1 without it.
     """
@@ -31,11 +31,11 @@ def top_level(file: FoamFile, at: int, known: dict[bytes, bytes], depth: int = 0
             line = file.body.find(b"\n", at)
             line = len(file.body) if line < 0 else line
             if name in (b"#include", b"#sinclude", b"#includeIfPresent"):
-                _include(file, file.body[at:line], known, depth)
+                _include(file, file.body[at:line], entries, depth)
             at = line
             continue
         end = entry_end(file, at)
-        known[name] = file.body[at : min(end, at + 1000)].strip()
+        entries[name] = file.body[at : min(end, at + 1000)].strip()
         if name == b"internalField":
             return at
         at = end + 1
@@ -58,40 +58,40 @@ def entry_end(file: FoamFile, at: int) -> int:
     return len(file.body)
 
 
-def _include(file: FoamFile, line: bytes, known: dict[bytes, bytes], depth: int) -> None:
+def _include(file: FoamFile, line: bytes, entries: dict[bytes, bytes], depth: int) -> None:
     """Adds the entries of an included file; a missing one is named once a macro is not found."""
     name = line.strip().strip(b'"')
     path = find_foam(file.path.parent / name.decode("latin-1"))
     if path is None or depth > _DEEPEST:
-        known[b"#include"] = name
+        entries[b"#include"] = name
         return
     with open_foam(path) as stream:
-        text = without_comments(content(stream, path))
-    own = FoamFile(path, False, file.order, file.label_sizes, file.scalar_sizes, text)
-    top_level(own, 0, known, depth + 1)
+        body = without_comments(content(stream, path))
+    included = FoamFile(path, False, file.order, file.label_sizes, file.scalar_sizes, body)
+    top_level(included, 0, entries, depth + 1)
 
 
-def expanded(file: FoamFile, text: bytes, known: dict[bytes, bytes], depth: int = 0) -> bytes:
+def expanded(file: FoamFile, code: bytes, entries: dict[bytes, bytes], depth: int = 0) -> bytes:
     """Replaces macros such as `$T0` by the entries that they name, and `#calc` by its number."""
-    text = text.partition(b";")[0]
-    while (macro := _MACRO.search(text)) is not None:
+    code = code.partition(b";")[0]
+    while (macro := _MACRO.search(code)) is not None:
         name = macro.group().decode("latin-1")
         if depth > _DEEPEST:
             raise file.fail(f"the macro {name} names itself")
-        if macro.group(1) not in known:
-            lost = known.get(b"#include", b"").decode("latin-1")
+        if macro.group(1) not in entries:
+            lost = entries.get(b"#include", b"").decode("latin-1")
             where = f'; "{lost}", which it includes, is missing beside it' if lost else ""
             raise file.fail(f"the macro {name} has no entry above it or in its includes{where}")
-        value = expanded(file, known[macro.group(1)], known, depth + 1)
-        text = text[: macro.start()] + value + text[macro.end() :]
-    return calculated(file, text)
+        value = expanded(file, entries[macro.group(1)], entries, depth + 1)
+        code = code[: macro.start()] + value + code[macro.end() :]
+    return calculated(file, code)
 
 
 _CALC = re.compile(rb'#calc\s*"([^"]*)"')
 _STEP = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
 
 
-def calculated(file: FoamFile, text: bytes) -> bytes:
+def calculated(file: FoamFile, code: bytes) -> bytes:
     """Replaces `#calc "(300 + 25)*2"` by its number; other content than arithmetic is refused."""
 
     def value(node: ast.expr) -> float:
@@ -104,9 +104,9 @@ def calculated(file: FoamFile, text: bytes) -> bytes:
                 return float(_STEP[type(op)](value(left), value(right)))
         raise ValueError
 
-    match = _CALC.search(text)
-    if b"#calc" not in text:
-        return text
+    match = _CALC.search(code)
+    if b"#calc" not in code:
+        return code
     try:
         if match is None:
             raise ValueError
@@ -117,22 +117,22 @@ def calculated(file: FoamFile, text: bytes) -> bytes:
             above = stream.read().count(b"\n") - file.body.count(b"\n")
         if at >= 0:
             line = "line " + str(1 + above + file.body.count(b"\n", 0, at))
-        shown = text[:60].decode("latin-1")
+        shown = code[:60].decode("latin-1")
         raise file.fail(
             f"{line}: {shown!a}; allowed in #calc: numbers, + - * / and brackets; write the number "
             "that `foamDictionary FILE -entry NAME -value` prints"
         ) from error
-    return text[: match.start()] + repr(number).encode() + text[match.end() :]
+    return code[: match.start()] + repr(number).encode() + code[match.end() :]
 
 
-def unit_of(file: FoamFile, known: dict[bytes, bytes]) -> str | None:
+def unit_of(file: FoamFile, entries: dict[bytes, bytes]) -> str | None:
     """Unit by the `dimensions`, as mapping files spell it, or these themselves; None without."""
-    inside = re.search(rb"\[([^\]]*)\]", expanded(file, known.get(b"dimensions", b""), known))
+    inside = re.search(rb"\[([^\]]*)\]", expanded(file, entries.get(b"dimensions", b""), entries))
     if inside is None:
         return None
-    text = inside.group(1).decode("latin-1").strip()
+    dimensions = inside.group(1).decode("latin-1").strip()
     try:
-        powers = [float(word) for word in text.split()]
+        powers = [float(word) for word in dimensions.split()]
     except ValueError:  # symbols, such as [kg m^-3]
-        return text
-    return SI_UNITS.get(tuple(powers[:5]) if not any(powers[5:]) else (), f"[{text}]")
+        return dimensions
+    return SI_UNITS.get(tuple(powers[:5]) if not any(powers[5:]) else (), f"[{dimensions}]")

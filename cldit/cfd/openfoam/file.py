@@ -14,12 +14,11 @@ from typing import BinaryIO, cast
 
 from cldit.cfd.case import only_claimant
 from cldit.cfd.inputs import content, regular
-from cldit.cfd.openfoam.collated import COLLATED, block_of
+from cldit.cfd.openfoam.collated import COLLATED, HEAD_BYTES, block_of
 from cldit.errors import SprayError, reason
 from cldit.io.files import open_regular
 
 _HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
-_HEAD = 10_000  # bytes in which the header ends
 TIME = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?$")  # name of the folder of a time
 
 
@@ -42,17 +41,17 @@ class FoamFile:
         """True for an empty block; collated files have one for a processor without content."""
         return self.block is not None and not self.body.strip()
 
-    def fail(self, what: str) -> SprayError:
+    def fail(self, problem: str) -> SprayError:
         """Error that names the file."""
         where = "" if self.block is None else f", block {self.block}"
-        return SprayError(f"{self.path}{where}: {what}")
+        return SprayError(f"{self.path}{where}: {problem}")
 
 
 def find_foam(path: Path) -> Path | None:
     """Path of the file or of its .gz form, whichever exists; both are an error."""
     packed = path.with_name(path.name + ".gz")
-    found = [each for each in (path, packed) if each.is_file()]
-    return only_claimant(str(path), found) if found else None
+    files = [file for file in (path, packed) if file.is_file()]
+    return only_claimant(str(path), files) if files else None
 
 
 @contextmanager
@@ -68,18 +67,18 @@ def open_foam(path: Path) -> Iterator[BinaryIO]:
 
 def read_foam(path: Path, block: int | None = None) -> FoamFile:
     """Reads a file by its plain name, or its `.gz` form; `block`: processor in a collated file."""
-    found = find_foam(path)
-    if found is None:
+    existing = find_foam(path)
+    if existing is None:
         raise SprayError(f"{path}: is missing (also as .gz)")
-    with open_foam(found) as stream:
-        entries, body = _content(stream, found, block)
+    with open_foam(existing) as stream:
+        entries, body = _content(stream, existing, block)
     arch_text = entries.get(b"arch", b"").decode("latin-1")
     binary = entries.get(b"format", b"ascii").strip() == b"binary"
     location = entries.get(b"location", b"").decode("latin-1").strip('" ').partition("/")[0]
     label = re.search(r"label=(\d+)", arch_text)
     scalar = re.search(r"scalar=(\d+)", arch_text)
     return FoamFile(
-        path=found,
+        path=existing,
         binary=binary,
         order=">" if "MSB" in arch_text else "<",
         label_sizes=(int(label.group(1)) // 8,) if label else (4, 8),
@@ -93,25 +92,25 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
 
 def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[bytes, bytes], bytes]:
     """Entries of the header, and the rest; of a collated file, those of a block."""
-    entries, end = _head(stream.read(_HEAD), path)
+    entries, end = _head(stream.read(HEAD_BYTES), path)
     collated = entries.get(b"class", b"").strip() == COLLATED
     if collated != (block is not None):
-        found = "is collated, but not in" if collated else "is not collated, but in"
-        raise SprayError(f"{path}: {found} a folder processorsN")
+        state = "is collated, but not in" if collated else "is not collated, but in"
+        raise SprayError(f"{path}: {state} a folder processorsN")
     if block is None:
         stream.seek(end)
         return entries, content(stream, path)
     arch = entries.get(b"arch")
-    first, own = block_of(stream, end, path, block)
-    entries, end = _head(first[:_HEAD], path)
+    first_block, body = block_of(stream, end, path, block)
+    entries, end = _head(first_block[:HEAD_BYTES], path)
     if block == 0:
-        own = first[end:]
-    elif _HEADER.search(own[:_HEAD]):
-        entries, end = _head(own[:_HEAD], path)
-        own = own[end:]
+        body = first_block[end:]
+    elif _HEADER.search(body[:HEAD_BYTES]):
+        entries, end = _head(body[:HEAD_BYTES], path)
+        body = body[end:]
     if arch is not None:
         entries.setdefault(b"arch", arch)
-    return entries, own
+    return entries, body
 
 
 def _head(text: bytes, path: Path) -> tuple[dict[bytes, bytes], int]:

@@ -30,7 +30,7 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
     except IndexError as error:
         way = "set spray.nozzle_m and spray.axis instead"
         raise SprayError(f"{path}: brackets do not match; {way}") from error
-    pairs = _found(entries.get("subModels", entries))
+    pairs = _positions_and_directions(entries.get("subModels", entries))
     return tuple(Injector(str(path), np.array(place), np.array(along)) for place, along in pairs)
 
 
@@ -43,21 +43,21 @@ def case_injectors(
     folder = case / "constant" / region
     if region and not any(folder.glob("*[pP]roperties*")):
         folder = case / "constant"
-    own = folder / f"{cloud}Properties"
-    every = [own] if find_foam(own) else sorted(folder.glob("*[pP]roperties*"))
-    files = [there for file in every if (there := find_foam(file)) is not None]
-    found = {
+    properties = folder / f"{cloud}Properties"
+    candidates = [properties] if find_foam(properties) else sorted(folder.glob("*[pP]roperties*"))
+    files = [existing for file in candidates if (existing := find_foam(file)) is not None]
+    by_file = {
         file: read_injectors(file) for file in files if b"injectionModel" in _file_content(file)
     }
-    return (next(iter(found.values())), tuple(found)) if len(found) == 1 else ((), ())
+    return (next(iter(by_file.values())), tuple(by_file)) if len(by_file) == 1 else ((), ())
 
 
 def _file_content(path: Path) -> bytes:
     with open_foam(path) as stream:
-        found = content(stream, path, MOST_TEXT_BYTES + 1)
-    if len(found) > MOST_TEXT_BYTES:
+        data = content(stream, path, MOST_TEXT_BYTES + 1)
+    if len(data) > MOST_TEXT_BYTES:
         raise SprayError(f"{path}: is larger than {MOST_TEXT_BYTES / 1e6:g} MB: no dictionary")
-    return found
+    return data
 
 
 def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
@@ -101,18 +101,18 @@ def dictionary(text: str) -> dict[str, object]:
 
 def _entries(items: list[object]) -> dict[str, object]:
     """Mapping of `key value .. ;` and `key { .. }`."""
-    found: dict[str, object] = {}
+    mapping: dict[str, object] = {}
     words: list[object] = []
     for item in items:
         if item == ";" or (isinstance(item, dict) and len(words) == 1):
             if words:
-                found[str(words[0])] = item if item != ";" else words[1:]
+                mapping[str(words[0])] = item if item != ";" else words[1:]
             words = []
         else:
             words.append(item)
     if words:
         raise IndexError
-    return found
+    return mapping
 
 
 def _vector(value: object) -> tuple[float, float, float] | None:
@@ -130,7 +130,7 @@ def _vector(value: object) -> tuple[float, float, float] | None:
     return (x, y, z)
 
 
-def _found(
+def _positions_and_directions(
     block: object,
 ) -> Iterator[tuple[tuple[float, float, float], tuple[float, float, float]]]:
     """Pairs of position and direction, in this block and those inside it."""
@@ -141,8 +141,8 @@ def _found(
     if isinstance(axes, list) and len(axes) == 1 and isinstance(axes[0], list):
         pairs += [tuple(pair) for pair in axes[0] if isinstance(pair, list) and len(pair) == 2]
     for position, direction in pairs:
-        there, along = _vector(position), _vector(direction)
-        if there is not None and along is not None and any(along):
-            yield there, along
+        place, along = _vector(position), _vector(direction)
+        if place is not None and along is not None and any(along):
+            yield place, along
     for inner in block.values():
-        yield from _found(inner)
+        yield from _positions_and_directions(inner)

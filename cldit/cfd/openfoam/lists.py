@@ -21,9 +21,9 @@ from cldit.cfd.openfoam.file import FoamFile
 
 _LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(?:(\d++)(?:\s*+([({]))?+|(\())", re.DOTALL)
 _NONUNIFORM = re.compile(GAP + rb"nonuniform" + GAP + rb"(?=List|\d|\()", re.DOTALL)
-_DIGITS = 18  # of a count: more do not fit into an integer of eight bytes
+_DIGITS = 18  # of a count: 10^18 is below 2^63
 _MOST_UNIFORM = 1_000_000  # entries of a uniform list whose length nothing else gives
-_AT_ONCE = 1 << 23  # bytes of text that are turned into numbers at a time
+_AT_ONCE = 1 << 23  # bytes of text at a time: some million numbers, of as many bytes
 _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 
@@ -55,17 +55,17 @@ def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
         stop = min(begin + _AT_ONCE, end)
         while stop < end and not file.body[stop : stop + 1].isspace():
             stop += 1
-        text = file.body[begin:stop].translate(_BRACKETS)
+        chunk = file.body[begin:stop].translate(_BRACKETS)
         begin = stop
-        if not text.strip():  # of blanks alone numpy makes a number
+        if not chunk.strip():  # of blanks alone numpy makes a number
             continue
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", DeprecationWarning)
             try:
-                yield np.fromstring(text, dtype=np.float64, sep=" ")
+                yield np.fromstring(chunk, dtype=np.float64, sep=" ")
             except ValueError as error:
                 raise file.fail(f"contains text that is no number ({error})") from error
-        ended = bool(said)
+        ended = bool(caught)
 
 
 def _parsed(file: FoamFile, begin: int, end: int) -> Floats:
@@ -82,8 +82,8 @@ def _raw(
         if file.body[end : end + 1] == b")":
             values = np.frombuffer(file.body, f"{file.order}{kind}{size}", count, at)
             return values, end + 1
-    known = " or ".join(map(str, sizes))
-    raise file.fail(f"truncated, or its header is wrong: no {count} numbers of {known} bytes")
+    allowed = " or ".join(map(str, sizes))
+    raise file.fail(f"truncated, or its header is wrong: no {count} numbers of {allowed} bytes")
 
 
 def _list(
@@ -120,16 +120,16 @@ def _list(
     stop = end if end >= begin else len(file.body)
     parts: Iterable[NDArray[np.generic]] = _parse(file, begin, stop)
     if kind == "i":
-        parts = (whole(file, part) for part in parts)
-    found = np.concatenate([np.empty(0, np.int32 if kind == "i" else np.float64), *parts])
+        parts = (as_integers(file, part) for part in parts)
+    numbers = np.concatenate([np.empty(0, np.int32 if kind == "i" else np.float64), *parts])
     if count < 0:
-        count = found.size // width
-    if end < begin or found.size != count * width:
-        raise file.fail(f"truncated or damaged: {found.size} numbers, expected {count * width}")
-    return found.reshape(count, width), end + 1
+        count = numbers.size // width
+    if end < begin or numbers.size != count * width:
+        raise file.fail(f"truncated or damaged: {numbers.size} numbers, expected {count * width}")
+    return numbers.reshape(count, width), end + 1
 
 
-def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
+def as_integers(file: FoamFile, values: NDArray[np.generic]) -> Labels:
     """Converts `values` to integers of the same shape, int32 if they fit; refuses 1.5 or 1e300."""
     numbers = np.asarray(values)
     if numbers.dtype.kind == "f":
@@ -156,7 +156,7 @@ def vectors(file: FoamFile, parcels: int | None = None) -> Floats:
 
 def labels(file: FoamFile, parcels: int | None = None) -> Labels:
     """Reads a labelList, (N,); parcels: N, if it is known."""
-    return whole(file, _list(file, "i", 1, 0, parcels)[0].reshape(-1))
+    return as_integers(file, _list(file, "i", 1, 0, parcels)[0].reshape(-1))
 
 
 def faces(file: FoamFile) -> tuple[Labels, Labels]:
@@ -164,11 +164,11 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
     if file.binary:
         start, end = _list(file, "i", 1, 0)
         corners, _ = _list(file, "i", 1, end)
-        return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
+        return as_integers(file, corners.reshape(-1)), as_integers(file, start.reshape(-1))
     count, _, begin = _open(file, 0)
     if not 0 <= count <= len(file.body):
         raise file.fail(f"truncated or damaged: {count} faces in {len(file.body)} bytes")
-    parts = (whole(file, part) for part in _parse(file, begin, file.body.rfind(b")")))
+    parts = (as_integers(file, part) for part in _parse(file, begin, file.body.rfind(b")")))
     numbers = np.concatenate([np.empty(0, np.int32), *parts])
     if count and numbers.size % count == 0 and (width := numbers.size // count) > 1:
         table = numbers.reshape(count, width)
@@ -179,35 +179,35 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
         raise file.fail(f"truncated or damaged: {len(numbers)} numbers do not make {count} faces")
     keep = np.ones(len(numbers), dtype=bool)
     keep[place[:-1]] = False
-    return numbers[keep], whole(file, place - np.arange(count + 1))
+    return numbers[keep], as_integers(file, place - np.arange(count + 1))
 
 
 def internal_field(file: FoamFile, cells: int) -> tuple[AnyFloats, str | None]:
     """Reads the internalField (N,) of a volScalarField, of a mesh of `cells`, and its unit."""
-    known: dict[bytes, bytes] = {}
-    at = top_level(file, 0, known)
+    entries: dict[bytes, bytes] = {}
+    at = top_level(file, 0, entries)
     nonuniform = None if at < 0 else _NONUNIFORM.match(file.body, at)
     if nonuniform is None:
-        if b"internalField" not in known:
+        if b"internalField" not in entries:
             raise file.fail("has no internalField")
-        text = expanded(file, known[b"internalField"], known)
+        value = expanded(file, entries[b"internalField"], entries)
         try:
-            number = float(text.removeprefix(b"uniform"))
+            number = float(value.removeprefix(b"uniform"))
         except ValueError as error:
-            shown = text[:40].decode("latin-1")
-            what = f"internalField is {shown!a}; allowed: `uniform <number>`, or a list of numbers"
-            raise file.fail(what) from error
+            shown = value[:40].decode("latin-1")
+            fault = f"internalField is {shown!a}; allowed: `uniform <number>`, or a list of numbers"
+            raise file.fail(fault) from error
         if at >= 0:
-            top_level(file, entry_end(file, at) + 1, known)
-        return np.full(cells, number), unit_of(file, known)
+            top_level(file, entry_end(file, at) + 1, entries)
+        return np.full(cells, number), unit_of(file, entries)
     wording = "{} values, but the mesh has {} cells"
     stored, end = _list(file, "f", 1, nonuniform.end(), cells, wording)
     values = stored.reshape(-1).astype(stored.dtype.newbyteorder("="))  # as exact as it is written
     if len(values) != cells:
         raise file.fail(wording.format(len(values), cells))
-    if b"dimensions" not in known:
-        top_level(file, entry_end(file, end) + 1, known)
-    return values, unit_of(file, known)
+    if b"dimensions" not in entries:
+        top_level(file, entry_end(file, end) + 1, entries)
+    return values, unit_of(file, entries)
 
 
 def particles(file: FoamFile) -> Floats:
@@ -239,13 +239,13 @@ def particles(file: FoamFile) -> Floats:
 
 def _binary_particles(file: FoamFile, count: int, begin: int) -> Floats:
     """Records in brackets, each on its own line: scalars, then labels."""
-    first = file.body.find(b"(", begin)
+    opening = file.body.find(b"(", begin)
     kinds = product(((3, 1), (4, 3)), file.scalar_sizes, file.label_sizes)
     for (reals, integers), scalar, label in kinds:
         size = reals * scalar + integers * label
-        after = file.body[first + 1 + size : first + 6 + size]
-        gap = after.find(b"(") if count > 1 else 1
-        if after[:1] != b")" or gap < 1:
+        tail = file.body[opening + 1 + size : opening + 6 + size]
+        gap = tail.find(b"(") if count > 1 else 1
+        if tail[:1] != b")" or gap < 1:
             continue
         real, integer = f"{file.order}f{scalar}", f"{file.order}i{label}"
         fields = [("open", "S1"), ("reals", real, reals), ("integers", integer, integers)]
@@ -253,10 +253,10 @@ def _binary_particles(file: FoamFile, count: int, begin: int) -> Floats:
             continue
         record = np.dtype([*fields, ("close", "S1"), ("gap", f"V{gap - 1}")])
         # no gap follows the last record
-        span = file.body[first : first + count * record.itemsize - gap + 1]
+        span = file.body[opening : opening + count * record.itemsize - gap + 1]
         span += b"\0" * (count * record.itemsize - len(span))
         rows = np.frombuffer(span, record, count)
         if np.all(rows["open"] == b"(") and np.all(rows["close"] == b")"):
-            found = np.concatenate([rows["reals"], rows["integers"]], axis=1)
-            return found.astype(np.float64)
+            joined = np.concatenate([rows["reals"], rows["integers"]], axis=1)
+            return joined.astype(np.float64)
     raise file.fail(f"truncated or damaged: no {count} binary parcels")

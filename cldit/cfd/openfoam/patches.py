@@ -22,7 +22,7 @@ def cut_boundaries(
     meshes: Sequence[tuple[Root, Mesh]], region: str
 ) -> tuple[tuple[Boundary, ...], tuple[Path, ...]]:
     """Patches of a type in `CUTS`, each once, and the files that list them."""
-    found: dict[str, Boundary] = {}
+    by_name: dict[str, Boundary] = {}
     files: list[Path] = []
     for root, mesh in meshes:
         file, patches = _patches(root, region)
@@ -31,19 +31,19 @@ def cut_boundaries(
         files.append(file)
         for name, patch in patches.items():
             kind = patch.get("type", "")
-            if kind not in CUTS or name in found:
+            if kind not in CUTS or name in by_name:
                 continue
             try:
                 count, start = int(patch["nFaces"]), int(patch["startFace"])
             except (KeyError, ValueError) as error:
                 raise SprayError(f"{file}: patch {name}: no nFaces and startFace") from error
             if start < 0 or count < 0 or start + count > len(mesh.owner):
-                own = f"patch {name}: faces {start} to {start + count}"
-                raise SprayError(f"{file}: {own}, but the mesh has {len(mesh.owner)}")
+                span = f"patch {name}: faces {start} to {start + count}"
+                raise SprayError(f"{file}: {span}, but the mesh has {len(mesh.owner)}")
             if count:
                 normal, place = _plane(mesh, start, count)
-                found[name] = Boundary(name, kind, normal, place)
-    return tuple(found.values()), tuple(files)
+                by_name[name] = Boundary(name, kind, normal, place)
+    return tuple(by_name.values()), tuple(files)
 
 
 def _patches(root: Root, region: str) -> tuple[Path | None, dict[str, dict[str, str]]]:
@@ -57,19 +57,19 @@ def check_processors(roots: Sequence[Root], region: str) -> None:
     """Refuses a decomposed case of which a processor is missing that others have a side with."""
     if roots[0].block is not None:
         return  # the folder's name gives their number, and each file has all of them
-    known = {int(match[1]) for root in roots if (match := _PROCESSOR.match(root.path.name))}
-    if len(known) < len(roots):
+    numbers = {int(match[1]) for root in roots if (match := _PROCESSOR.match(root.path.name))}
+    if len(numbers) < len(roots):
         return  # the case itself
-    named_by: dict[int, Path] = dict.fromkeys(range(max(known)), roots[-1].path)
+    named_by: dict[int, Path] = dict.fromkeys(range(max(numbers)), roots[-1].path)
     for root in roots:
         file, patches = _patches(root, region)
         for patch in patches.values():
             if file is not None and patch.get("neighbProcNo", "").isdigit():
                 named_by[int(patch["neighbProcNo"])] = file
-    if missing := sorted(set(named_by) - known):
-        case, first = roots[0].path.parent, missing[0]
+    if missing := sorted(set(named_by) - numbers):
+        case, absent = roots[0].path.parent, missing[0]
         raise SprayError(
-            f"{case}: processor{first} is missing, which {named_by[first]} implies; restore it "
+            f"{case}: processor{absent} is missing, which {named_by[absent]} implies; restore it "
             f"(there are {', '.join(root.path.name for root in roots[:8])}), or reconstruct it"
         )
 
@@ -81,12 +81,12 @@ def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
     """Unit normal (zeros if it is not plane) and a point of consecutive faces."""
     begin = mesh.start[start : start + count + 1]
     corners = mesh.corners[begin[0] : begin[-1]]
-    here = mesh.points_m[corners]
+    points = mesh.points_m[corners]
     following = np.arange(1, len(corners) + 1)
     following[begin[1:] - begin[0] - 1] = begin[:-1] - begin[0]
-    middle = here.mean(axis=0)
-    each = 0.5 * np.cross(here - middle, here[following] - middle)
-    faces = np.add.reduceat(each, begin[:-1] - begin[0], axis=0)
+    middle = points.mean(axis=0)
+    triangles = 0.5 * np.cross(points - middle, points[following] - middle)
+    faces = np.add.reduceat(triangles, begin[:-1] - begin[0], axis=0)
     total = faces.sum(axis=0)
     length = float(np.linalg.norm(total))
     plane = length > 0.999 * float(np.linalg.norm(faces, axis=1).sum()) > 0.0
@@ -108,10 +108,10 @@ def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
     walls = [name for name, patch in patches.items() if patch.get("type") == "wall"]
     with open_regular(field) as stream:
         stream.seek(max(0, field.stat().st_size - _END))
-        held = _held(stream.read())
-    found = [next((T for key, T in held.items() if _names(key, wall)), None) for wall in walls]
-    known = [T for T in found if T is not None]
-    return sum(known) / len(known) if known else None
+        held = _fixed_values(stream.read())
+    walls_K = [next((T for key, T in held.items() if _names(key, wall)), None) for wall in walls]
+    fixed = [T for T in walls_K if T is not None]
+    return sum(fixed) / len(fixed) if fixed else None
 
 
 def _names(key: str, patch: str) -> bool:
@@ -124,7 +124,7 @@ def _names(key: str, patch: str) -> bool:
         return False
 
 
-def _held(body: bytes) -> dict[str, float]:
+def _fixed_values(body: bytes) -> dict[str, float]:
     """Entries of the boundary field that have one fixed value."""
     _, start, rest = body.rpartition(b"boundaryField")
     if not start:

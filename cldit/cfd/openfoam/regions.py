@@ -54,18 +54,18 @@ def regions(case: Path) -> list[str]:
     """Regions that have a mesh; "" is that of the case itself."""
     places = [f"{root}constant/{inner}" for root in ("", "processor0/", "processors*/")
               for inner in ("polyMesh", "*/polyMesh")]  # fmt: skip
-    found = {each.parent for place in places for each in case.glob(place) if each.is_dir()}
-    names = {each.name for each in found if each.name != "polyMesh"}
+    folders = {folder.parent for place in places for folder in case.glob(place) if folder.is_dir()}
+    names = {folder.name for folder in folders if folder.name != "polyMesh"}
     return sorted("" if name == "constant" else name for name in names)
 
 
 def time_folders(root: Path) -> dict[float, list[Path]]:
     """Folders named by a number, by that number."""
-    found: dict[float, list[Path]] = {}
-    for each in sorted(root.iterdir()):
-        if TIME.match(each.name) and each.is_dir():
-            found.setdefault(float(each.name), []).append(each)
-    return found
+    by_time: dict[float, list[Path]] = {}
+    for folder in sorted(root.iterdir()):
+        if TIME.match(folder.name) and folder.is_dir():
+            by_time.setdefault(float(folder.name), []).append(folder)
+    return by_time
 
 
 def find_step(spec: CfdSpray) -> Step:
@@ -74,81 +74,81 @@ def find_step(spec: CfdSpray) -> Step:
     A decomposed case is read processor by processor if its own folder does not have the time.
     """
     case = case_folder(spec.file)
-    known = regions(case)
-    if not known:
+    available = regions(case)
+    if not available:
         places = "neither constant/polyMesh nor constant/REGION/polyMesh, nor those of processors"
         raise SprayError(f"{case}: no mesh: {places}")
     processors = split_roots(case)
-    chosen, remarks = _region(case, known, processors, spec)
-    own = _times(case, chosen)
+    chosen, remarks = _region(case, available, processors, spec)
+    reconstructed = _times(case, chosen)
     split = _times(processors[0].path, chosen) if processors else {}
     try:
-        wanted = choose_time(str(case), [*own, *split], spec.time_s)
+        time_s = choose_time(str(case), [*reconstructed, *split], spec.time_s)
     except SprayError as error:
         hint = f"; its VTK output can be read as {case / 'VTK'}" if (case / "VTK").is_dir() else ""
         raise SprayError(f"{error}{hint}") from error
-    if wanted in own and wanted in split:
-        ours, theirs = own[wanted][0] / chosen, split[wanted][0] / chosen
+    if time_s in reconstructed and time_s in split:
+        ours, theirs = reconstructed[time_s][0] / chosen, split[time_s][0] / chosen
         if _newest(theirs) > _newest(ours):
-            only_claimant(f"time {wanted:g}, the processors' being newer", (ours, theirs))
-        remarks = (*remarks, f"Time {wanted:g} was read from {ours}, not from the processors.")
-    roots = (Root(case),) if wanted in own else tuple(processors)
-    folders = own[wanted] if wanted in own else split[wanted]
-    time = only_claimant(f"time {wanted:g}", folders).name
-    return Step(case, chosen, roots, wanted, str(Path(time) / chosen), remarks)
+            only_claimant(f"time {time_s:g}, the processors' being newer", (ours, theirs))
+        remarks = (*remarks, f"Time {time_s:g} was read from {ours}, not from the processors.")
+    roots = (Root(case),) if time_s in reconstructed else tuple(processors)
+    folders = reconstructed[time_s] if time_s in reconstructed else split[time_s]
+    time = only_claimant(f"time {time_s:g}", folders).name
+    return Step(case, chosen, roots, time_s, str(Path(time) / chosen), remarks)
 
 
 def _times(root: Path, region: str) -> dict[float, list[Path]]:
     """Times with results: folders that have a field in addition to the mesh."""
-    found = {}
+    filled = {}
     for time, folders in time_folders(root).items():
         # a starting time may lack temperature and fuel
-        some = [each for each in folders if any(map(Path.is_file, (each / region).glob("*")))]
-        if some:
-            found[time] = some
-    return found
+        stored = [path for path in folders if any(map(Path.is_file, (path / region).glob("*")))]
+        if stored:
+            filled[time] = stored
+    return filled
 
 
 def _newest(folder: Path) -> float:
-    return max((each.stat().st_mtime for each in folder.iterdir() if each.is_file()), default=0.0)
+    return max((file.stat().st_mtime for file in folder.iterdir() if file.is_file()), default=0.0)
 
 
 def _region(
-    case: Path, known: Sequence[str], processors: Sequence[Root], spec: CfdSpray
+    case: Path, available: Sequence[str], processors: Sequence[Root], spec: CfdSpray
 ) -> tuple[str, tuple[str, ...]]:
     """Region asked for, else the only one, or the only one with the fuel; and a remark."""
 
-    def names(which: Iterable[str]) -> str:
-        return ", ".join(each or _DEFAULT for each in which)
+    def names(selected: Iterable[str]) -> str:
+        return ", ".join(region or _DEFAULT for region in selected)
 
     if spec.region is not None:
         plain = "" if spec.region == _DEFAULT else spec.region
-        if plain not in known:
+        if plain not in available:
             raise SprayError(
-                f"{case}: no region {spec.region!r} (spray.region); available: {names(known)}"
+                f"{case}: no region {spec.region!r} (spray.region); available: {names(available)}"
             )
         return plain, ()
-    if len(known) == 1:
-        return known[0], (f"Region {known[0]}, the only one.",) if known[0] else ()
+    if len(available) == 1:
+        return available[0], (f"Region {available[0]}, the only one.",) if available[0] else ()
     roots = [case, *(root.path for root in processors[:1])]
-    times = [each for root in roots for folders in time_folders(root).values() for each in folders]
+    times = [path for root in roots for folders in time_folders(root).values() for path in folders]
     fuel = spec.fuel_field
-    fuelled = [each for each in known if any(find_foam(time / each / fuel) for time in times)]
+    fuelled = [name for name in available if any(find_foam(time / name / fuel) for time in times)]
     if len(fuelled) != 1:
-        what = f"{len(fuelled)} of its regions have the field {spec.fuel_field!r}"
-        raise SprayError(f"{case}: {what}; set spray.region to one of {names(known)}")
-    others = names(each for each in known if each != fuelled[0])
+        problem = f"{len(fuelled)} of its regions have the field {spec.fuel_field!r}"
+        raise SprayError(f"{case}: {problem}; set spray.region to one of {names(available)}")
+    unread = names(region for region in available if region != fuelled[0])
     chosen = fuelled[0] or _DEFAULT
-    return fuelled[0], (f"Region {chosen} has {spec.fuel_field}; not read: {others}.",)
+    return fuelled[0], (f"Region {chosen} has {spec.fuel_field}; not read: {unread}.",)
 
 
 def clouds_of(case: Path) -> list[Path]:
     """Folders of the clouds at any time of a case, of its regions and processors."""
     roots = [case, *sorted(case.glob("processor*"))]
-    times = [each for root in roots for folders in time_folders(root).values() for each in folders]
+    times = [path for root in roots for folders in time_folders(root).values() for path in folders]
     patterns = ("lagrangian/*", "*/lagrangian/*")
-    found = [each for time in times for pattern in patterns for each in sorted(time.glob(pattern))]
-    return [each for each in found if each.is_dir()]
+    paths = [path for time in times for pattern in patterns for path in sorted(time.glob(pattern))]
+    return [path for path in paths if path.is_dir()]
 
 
 def refuse_missing_parcels(step: Step) -> None:
@@ -160,20 +160,20 @@ def refuse_missing_parcels(step: Step) -> None:
                 "read; export them with foamToVTK and give its folder, or set "
                 f"spray.cloud: {NO_CLOUD} for gas alone"
             )
-    homes = {each.parent.parent for each in clouds_of(step.case)}
+    homes = {cloud.parent.parent for cloud in clouds_of(step.case)}
     if step.region:
         homes = {home.parent for home in homes if home.name == step.region}
     if times := {home.name for home in homes if TIME.match(home.name)}:
         shown = ", ".join(sorted(times, key=float)[:5]) + (", ..." if len(times) > 5 else "")
-        others = f"but at others: {shown} (spray.cloud: {NO_CLOUD} for gas alone)"
-        raise NotAtThisTime(f"{step.place}: no parcels at this time, {others}")
+        hint = f"but at others: {shown} (spray.cloud: {NO_CLOUD} for gas alone)"
+        raise NotAtThisTime(f"{step.place}: no parcels at this time, {hint}")
 
 
 def _unread_parcels(folder: Path) -> list[Path]:
     """Files of parcels of OpenFOAM 13's Lagrangian library below the folder of a time."""
     return [
-        each
-        for each in sorted(folder.glob("*/*")) + sorted(folder.glob("*/*/*"))
-        if each.name.removesuffix(".gz") in ("positions", "coordinates", "position")
-        and each.relative_to(folder).parts[0] not in ("lagrangian", "polyMesh", "uniform")
+        file
+        for file in sorted(folder.glob("*/*")) + sorted(folder.glob("*/*/*"))
+        if file.name.removesuffix(".gz") in ("positions", "coordinates", "position")
+        and file.relative_to(folder).parts[0] not in ("lagrangian", "polyMesh", "uniform")
     ]

@@ -64,12 +64,12 @@ def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 def list_tables(spec: CfdSpray) -> Listing:
     """Lists time [s] and columns of the tables that a mapping file names."""
     mapping = read_column_map(spec.file)
-    found = {
+    columns = {
         name: [] if part.file is None else table_names(spec.file.parent / part.file, part)
         for name, part in (("cells", mapping.cells), ("parcels", mapping.parcels))
         if part is not None
     }
-    return [] if mapping.time_s is None else [mapping.time_s], found.pop("cells"), found
+    return [] if mapping.time_s is None else [mapping.time_s], columns.pop("cells"), columns
 
 
 def _size(file: Path) -> Size:
@@ -86,18 +86,18 @@ def _size(file: Path) -> Size:
     return Size(rows, 0, 200.0 * rows)
 
 
-def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
+def _boxes(source: Source, mapping: CellColumns) -> tuple[Column, Floats]:
     """Centres and edges of the cells, (N, 3) each."""
-    if wanted.position is None or (wanted.size is None) == (wanted.volume is None):
+    if mapping.position is None or (mapping.size is None) == (mapping.volume is None):
         raise SprayError(
             f"{source.name}: cells need position, and either size or volume, in the mapping file"
         )
-    position = source.vector(wanted.position, "cells.position")
-    if wanted.size is not None:
-        size = source.vector(wanted.size, "cells.size")
+    position = source.vector(mapping.position, "cells.position")
+    if mapping.size is not None:
+        size = source.vector(mapping.size, "cells.size")
     else:
-        assert wanted.volume is not None
-        volume = source.scalar(wanted.volume, "cells.volume")
+        assert mapping.volume is not None
+        volume = source.scalar(mapping.volume, "cells.volume")
         size = Column(volume.label, np.cbrt(volume.values)[:, None].repeat(3, axis=1))
     good = np.all((size.values > 0.0) & np.isfinite(size.values), axis=1)
     if not good.all():
@@ -108,44 +108,44 @@ def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
 
 def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
     """Parcels of the table that the mapping file `path` names; None if it names none."""
-    wanted = mapping.parcels
-    if wanted is None:
+    mapped = mapping.parcels
+    if mapped is None:
         return None
-    if wanted.file is None or wanted.position is None:
+    if mapped.file is None or mapped.position is None:
         raise SprayError(f"{path}: parcels.file and parcels.position are both needed")
-    file = path.parent / wanted.file
-    table = load_table(file, wanted)
-    position = table.vector(wanted.position, "parcels.position")
-    fields = cloud_columns(table, wanted)
-    return complete_cloud("parcels", str(file), position, fields, table.columns, columns_of(wanted))
+    file = path.parent / mapped.file
+    table = load_table(file, mapped)
+    position = table.vector(mapped.position, "parcels.position")
+    fields = cloud_columns(table, mapped)
+    return complete_cloud("parcels", str(file), position, fields, table.columns, columns_of(mapped))
 
 
-def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
-    """Names in the header of a table; `wanted` gives the header's line and delimiter."""
+def table_names(file: Path, mapping: CellColumns | ParcelColumns) -> list[str]:
+    """Names in the header of a table; `mapping` gives the header's line and delimiter."""
     readers = {".parquet": parquet_names, ".dpm": dpm_names}
-    names = readers[file.suffix](file) if file.suffix in readers else text_names(file, wanted)
+    names = readers[file.suffix](file) if file.suffix in readers else text_names(file, mapping)
     twice = sorted({name for name in names if name and names.count(name) > 1})
     if twice or not any(names):
-        what = f"the column {twice[0]!r} twice" if twice else "no names of columns"
-        raise SprayError(f"{file}: its header has {what}")
+        problem = f"the column {twice[0]!r} twice" if twice else "no names of columns"
+        raise SprayError(f"{file}: its header has {problem}")
     return names
 
 
-def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """Reads the columns that the mapping `wanted` uses, and all numbers of parcels."""
-    names = table_names(file, wanted)
-    mapped = columns_of(wanted)
+def load_table(file: Path, mapping: CellColumns | ParcelColumns) -> Source:
+    """Reads the columns that the `mapping` uses, and all numeric columns of parcels."""
+    names = table_names(file, mapping)
+    mapped = columns_of(mapping)
     used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]
     if not used:
         raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
-    others = _evidence(file, names, wanted) - {names[place] for place in used}
+    evidence = _evidence(file, names, mapping) - {names[place] for place in used}
     if file.suffix == ".parquet":
-        read = parquet_columns(file, [*(names[place] for place in used), *sorted(others)])
+        read = parquet_columns(file, [*(names[place] for place in used), *sorted(evidence)])
     elif file.suffix == ".dpm":
         read = dpm_columns(file)
     else:
-        read = text_columns(file, names, used, wanted, [names.index(name) for name in others])
-    check_marks({name: read[name] for name in others if name in read})
+        read = text_columns(file, names, used, mapping, [names.index(name) for name in evidence])
+    check_marks({name: read[name] for name in evidence if name in read})
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
     columns |= read
     count = len(columns[names[used[0]]].values)
@@ -154,12 +154,12 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     return Source(str(file), columns, count)
 
 
-def _evidence(file: Path, names: list[str], wanted: CellColumns | ParcelColumns) -> set[str]:
+def _evidence(file: Path, names: list[str], mapping: CellColumns | ParcelColumns) -> set[str]:
     """Columns of time or identity, and, of parcels, all that have numbers in them."""
-    marks, parcels = set(filter(is_mark, names)), isinstance(wanted, ParcelColumns)
+    marks, parcels = set(filter(is_mark, names)), isinstance(mapping, ParcelColumns)
     if file.suffix == ".dpm":  # its `time` is the age of a particle
         return set(names) - {"time"}
     if file.suffix == ".parquet":
         numbers = parquet_numbers(file)
         return numbers if parcels else marks & numbers
-    return marks | (numbers_in(file, names, wanted) if parcels else set())
+    return marks | (numbers_in(file, names, mapping) if parcels else set())

@@ -37,11 +37,11 @@ def _named(file: Path, lines: list[str]) -> list[str]:
 
 def dpm_columns(file: Path) -> dict[str, Column]:
     """All columns (N,) by name."""
-    text = text_of(file)
-    names = _named(file, text.splitlines())
+    content = text_of(file)
+    names = _named(file, content.splitlines())
     written = [name for name in names if name != DENSITY]
     rows = []
-    for number, line in enumerate(text.splitlines()[2:], start=3):
+    for number, line in enumerate(content.splitlines()[2:], start=3):
         if not line.strip():
             continue
         match = _ROW.match(line.strip())
@@ -50,23 +50,23 @@ def dpm_columns(file: Path) -> dict[str, Column]:
         except ValueError:
             row = []
         if len(row) != len(written):
-            what = f"{len(written)} numbers in double parentheses, and a name"
-            raise SprayError(f"{file}: line {number}: expected: {what}")
+            layout = f"{len(written)} numbers in double parentheses, and a name"
+            raise SprayError(f"{file}: line {number}: expected: {layout}")
         rows.append(row)
-    if not rows or not text.endswith("\n"):
+    if not rows or not content.endswith("\n"):
         raise SprayError(f"{file}: " + ("no parcel in it" if not rows else "is cut off"))
     table = np.array(rows)
-    found = {
+    columns = {
         name: Column(f"{file}: column {name}", table[:, place])
         for place, name in enumerate(written)
     }
     if DENSITY in names:
-        diameter = found["diameter"].values
+        diameter = columns["diameter"].values
         if not np.all(diameter >= 0):
             bad = int(np.argmin(diameter >= 0))
-            label = found["diameter"].label
+            label = columns["diameter"].label
             raise SprayError(f"{label}: {diameter[bad]:g} (entry {bad}) is not a size")
         volume = np.where(diameter > 0, np.pi / 6 * diameter**3, np.nan)  # none of a dummy
-        density = found["mass"].values / volume
-        found[DENSITY] = Column(f"{file}: columns mass and diameter", density)
-    return found
+        density = columns["mass"].values / volume
+        columns[DENSITY] = Column(f"{file}: columns mass and diameter", density)
+    return columns

@@ -14,7 +14,13 @@ from cldit.io.extras import needed
 
 def _opened(file: Path) -> Any:
     hint = ", or save the table as CSV"
-    needed("pyarrow.parquet", extra="parquet", what=f"{file}: Parquet", error=SprayError, hint=hint)
+    needed(
+        "pyarrow.parquet",
+        extra="parquet",
+        needed_by=f"{file}: Parquet",
+        error=SprayError,
+        hint=hint,
+    )
     from pyarrow.lib import ArrowException
     from pyarrow.parquet import ParquetFile
 
@@ -55,15 +61,15 @@ def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:
         table = opened.read(columns=list(names))
     except (ArrowException, OSError) as error:
         raise SprayError(f"{file}: is damaged or truncated ({error})") from error
-    found = {}
+    columns = {}
     for name in names:
         column = table.column(name)
         empty = column.is_null().to_numpy() if column.null_count else None
         values = np.asarray(column.cast("float64").to_numpy(), np.float64)
         about = opened.schema_arrow.field(name).metadata or {}
         unit = (about.get(b"unit") or about.get(b"units") or b"").decode() or None
-        found[name] = Column(f"{file}: column {name}", values, empty, unit)
-    return found
+        columns[name] = Column(f"{file}: column {name}", values, empty, unit)
+    return columns
 
 
 _NUMBERS = {"float", "double", "halffloat"} | {

@@ -20,9 +20,9 @@ from cldit.io.files import open_regular
 from cldit.io.text_tables import delimiter_of, split_line
 
 
-def text_names(file: Path, wanted: Table) -> list[str]:
-    """Names in the header of a table; `wanted` gives the header's line and delimiter."""
-    return _header(file, wanted).names
+def text_names(file: Path, table: Table) -> list[str]:
+    """Names in the header of a file; `table` gives the header's line and delimiter."""
+    return _header(file, table).names
 
 
 @dataclass(frozen=True)
@@ -35,18 +35,18 @@ class _Header:
     line: str
 
 
-def _header(file: Path, wanted: Table) -> _Header:
+def _header(file: Path, table: Table) -> _Header:
     """Header of a table; a name in quotes may contain the delimiter. CFD-Post's follows [Data]."""
-    given = "header_line" in wanted.model_fields_set
+    stated = "header_line" in table.model_fields_set
     try:
         with _opened_text(regular(file)) as stream:
-            lines = [stream.readline() for _ in range(wanted.header_line)]
-            if not given and lines[-1].strip() in ("", "[Name]", "[Data]"):
+            lines = [stream.readline() for _ in range(table.header_line)]
+            if not stated and lines[-1].strip() in ("", "[Name]", "[Data]"):
                 lines += [stream.readline() for _ in range(_HEAD_LINES)]
                 marks = [n for n, line in enumerate(lines) if line.strip() == "[Data]"]
-                del lines[marks[0] + 2 if marks else wanted.header_line :]
+                del lines[marks[0] + 2 if marks else table.header_line :]
             number = len(lines)
-            while lines[-1].startswith("%") and not given:
+            while lines[-1].startswith("%") and not stated:
                 following = stream.readline()
                 if not following.startswith("%"):  # the last remark names the columns
                     break
@@ -57,7 +57,7 @@ def _header(file: Path, wanted: Table) -> _Header:
         raise SprayError(f"{file}: cannot be read ({error})") from error
     line = lines[-1].encode("utf-8", "surrogateescape")
     header = _decoded(line).strip("\r\n ").lstrip("#%").lstrip()
-    mark = wanted.delimiter or delimiter_of(header)
+    mark = table.delimiter or delimiter_of(header)
     names = [part.strip().strip('"').strip() for part in split_line(header, mark)]
     return _Header(names, mark, number, lines[-1].strip())
 
@@ -81,7 +81,7 @@ def _decoded(line: bytes) -> str:
         return line.decode("cp1252", "replace")
 
 
-_HEAD_LINES = 20
+_HEAD_LINES = 20  # in which [Data] follows [Name] in a file of CFD-Post
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 _EXACT = 2.0**53  # whole numbers below are exact as floats
@@ -106,22 +106,19 @@ def _readable(line: str, delimiter: str, used: list[int]) -> str:
 
 
 def text_columns(
-    file: Path, names: list[str], used: list[int], wanted: Table, marks: list[int]
+    file: Path, names: list[str], used: list[int], table: Table, marks: list[int]
 ) -> dict[str, Column]:
     """Columns (N,) by name: those `used` as numbers, and `marks` as numbers, or texts if named so.
 
     NumPy refuses rows of another length than the header; which line it is takes a second reading.
     """
     named = [place for place in marks if is_mark(names[place])]
-    header = _header(file, wanted)
+    header = _header(file, table)
     delimiter = header.delimiter
-    if delimiter == wanted.decimal:
-        what = f"{delimiter!r} is both the delimiter and the decimal mark"
-        raise SprayError(f"{file}: {what}; allowed delimiters: ; tab space")
-    with open_regular(file) as stream:
-        stream.seek(max(stream.seek(0, 2) - 2, 0))
-        if not stream.read().strip(b"\0").endswith((b"\n", b"\r")):
-            raise SprayError(f"{file}: its last line has no end: the file is cut off")
+    if delimiter == table.decimal:
+        problem = f"{delimiter!r} is both the delimiter and the decimal mark"
+        raise SprayError(f"{file}: {problem}; allowed delimiters: ; tab space")
+    _check_last_line(file)
     count = 0
 
     def lines(check: bool) -> Iterator[str]:
@@ -143,7 +140,7 @@ def text_columns(
                         "numbers have a comma"
                     )
                 count += 1
-                line = line.replace(",", ".") if wanted.decimal == "," else line
+                line = line.replace(",", ".") if table.decimal == "," else line
                 yield _readable(line, delimiter, used) if check else line
 
     def load(check: bool, mark_form: str) -> NDArray[Any]:
@@ -164,8 +161,8 @@ def text_columns(
                     rows = load(False, mark_form)
                 except ValueError:
                     continue
-                known = [rows[str(place)] for place in named if mark_form == "f8"]
-                if all(np.all(np.abs(each) < _EXACT) for each in known):
+                numbers = [rows[str(place)] for place in named if mark_form == "f8"]
+                if all(np.all(np.abs(values) < _EXACT) for values in numbers):
                     break
             else:
                 rows = load(True, mark_form := "U64")
@@ -174,13 +171,9 @@ def text_columns(
             raise
         cells = ((split_line(line, delimiter), place) for line in lines(True) for place in used)
         bad = ((names[at], row[at].strip()) for row, at in cells if not _is_number(row[at]))
-        name, text = next(bad, ("", ""))
-        way = "write numbers, or leave a cell empty that has none"
-        if _THOUSANDS.fullmatch(text):
-            way = "remove the thousands separators"
-        elif "," in text:
-            way = "for a decimal comma give `decimal: ','` in the mapping file"
-        shown = f"{text!a} in the column {name}"
+        name, cell = next(bad, ("", ""))
+        shown = f"{cell!a} in the column {name}"
+        way = _way_to_numbers(cell)
         raise SprayError(f"{file}: not all numbers: row {count} has {shown}; {way}") from error
     if len(rows) != count:
         raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
@@ -190,14 +183,31 @@ def text_columns(
     }
 
 
-def numbers_in(file: Path, names: list[str], wanted: Table) -> set[str]:
+def _check_last_line(file: Path) -> None:
+    """Refuses a file whose last line has no end, as it is cut off."""
+    with open_regular(file) as stream:
+        stream.seek(max(stream.seek(0, 2) - 2, 0))
+        if not stream.read().strip(b"\0").endswith((b"\n", b"\r")):
+            raise SprayError(f"{file}: its last line has no end: the file is cut off")
+
+
+def _way_to_numbers(cell: str) -> str:
+    """Advice on a cell that is no number."""
+    if _THOUSANDS.fullmatch(cell):
+        return "remove the thousands separators"
+    if "," in cell:
+        return "for a decimal comma give `decimal: ','` in the mapping file"
+    return "write numbers, or leave a cell empty that has none"
+
+
+def numbers_in(file: Path, names: list[str], table: Table) -> set[str]:
     """Names of the columns that have a number in the first row below the header."""
-    header = _header(file, wanted)
+    header = _header(file, table)
     with _opened_text(regular(file)) as stream:
         rows = (line.strip() for n, line in enumerate(stream) if n >= header.number)
-        first = next((line for line in rows if line and line[0] not in "#%"), "")
-    cells = zip(names, split_line(first, header.delimiter), strict=False)
-    decimal = str.maketrans(wanted.decimal, ".")
+        row = next((line for line in rows if line and line[0] not in "#%"), "")
+    cells = zip(names, split_line(row, header.delimiter), strict=False)
+    decimal = str.maketrans(table.decimal, ".")
     return {name for name, cell in cells if name and _NUMBER.fullmatch(cell.translate(decimal))}
 
 

@@ -41,7 +41,7 @@ def stem(path: Path) -> str:
 def step_of(path: Path) -> str:
     """Step number in the name of a file, or of the nearest folder that has one; else ""."""
     names = [stem(path), *path.parts[-2::-1]]
-    return next((found[1] for name in names if (found := _STEP.search(name))), "")
+    return next((match[1] for name in names if (match := _STEP.search(name))), "")
 
 
 def without_step(name: str) -> str:
@@ -66,9 +66,9 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
     if file.suffix == ".vtm":
         _must_be(file, seen)
         return [
-            Entry(name or found.name, found.pieces, named_by=found.named_by)
+            Entry(name or entry.name, entry.pieces, named_by=entry.named_by)
             for name, inside in _named(file, "DataSet", "file")
-            for found in entries(file.parent / inside, named_by)
+            for entry in entries(file.parent / inside, named_by)
         ]
     where = f"{seen[-1]}: names {file}, of a kind" if seen else f"{file}: is of a kind"
     allowed = f"{', '.join((*DATA, *COLLECTIONS))}; in ParaView, File > Save Data"
@@ -77,28 +77,28 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
 
 def pvd_steps(file: Path) -> tuple[dict[float, list[Entry]], tuple[str, ...]]:
     """Data sets of each time that a .pvd file names, and a remark if its times go back."""
-    found: dict[float, list[Entry]] = {}
+    by_time: dict[float, list[Entry]] = {}
     latest: dict[tuple[object, ...], float] = {}
     back: tuple[str, ...] = ()
     places: dict[tuple[object, ...], list[Path]] = {}
     for element in _elements(file, "DataSet"):
-        text = element.get("timestep", "0")
+        stated = element.get("timestep", "0")
         try:
-            time = float(text)
+            time = float(stated)
         except ValueError as error:
-            raise SprayError(f"{file}: states the time {text!r}") from error
+            raise SprayError(f"{file}: states the time {stated!r}") from error
         inside = file.parent / element.get("file", "")
         place = (time, element.get("group", ""), element.get("part", "0"), inside.suffix)
         places.setdefault(place, []).append(inside)
-        before = latest.get(place[1:], time)
+        previous = latest.get(place[1:], time)
         latest[place[1:]] = time
-        if time < before:
+        if time < previous:
             old = f"times after {time:g} that stand before it in the file may be of an older run"
-            back = (f"{file}: its times go back from {before:g} to {time:g}: {old}.",)
-        found.setdefault(time, []).extend(entries(inside, (file,)))
+            back = (f"{file}: its times go back from {previous:g} to {time:g}: {old}.",)
+        by_time.setdefault(time, []).extend(entries(inside, (file,)))
     for (when, _, part, _), files in places.items():
         only_claimant(f"part {part} of time {when:g} in {file}", files)
-    return found, back
+    return by_time, back
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def series(file: Path) -> list[Listed]:
     """Files and times that a JSON file for ParaView lists."""
     data = read_json(file, error=SprayError)
     try:
-        names = [(Path(each["name"]), float(each["time"])) for each in data["files"]]
+        names = [(Path(entry["name"]), float(entry["time"])) for entry in data["files"]]
     except (ValueError, KeyError, TypeError) as error:
         raise SprayError(f"{file}: is no list of files and times ({error})") from error
     return [Listed(file, step_of(name), time, file.parent / name) for name, time in names]
@@ -149,8 +149,8 @@ def _elements(file: Path, tag: str) -> list[ElementTree.Element]:
 
 def _named(file: Path, tag: str, key: str) -> list[tuple[str, str]]:
     """Names and files of all elements `tag` that have a file; one without is an empty block."""
-    found = [(each.get("name", ""), each.get(key, "")) for each in _elements(file, tag)]
-    named = [(name, inside) for name, inside in found if inside]
+    files = [(item.get("name", ""), item.get(key, "")) for item in _elements(file, tag)]
+    named = [(name, inside) for name, inside in files if inside]
     if not named:
         raise SprayError(f"{file}: names no file")
     return named

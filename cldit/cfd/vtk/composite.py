@@ -15,7 +15,7 @@ from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
 COMPOSITE = (".vtkhdf",)
-_AT_ONCE = 1 << 20
+_AT_ONCE = 1 << 20  # rows: 25 MB of vectors in doubles
 _WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
 
 
@@ -51,19 +51,19 @@ def _check_steps(file: Path, group: Any) -> None:
     for data, number in (("CellData", "NumberOfCells"), ("PointData", "NumberOfPoints")):
         offsets = steps.get(f"{data}Offsets", {})
         if "WholeExtent" in group.attrs:  # an image has a step in a row
-            first, last, ends = np.array([0]), np.array([1]), np.array([0, 1])
+            start, stop, ends = np.array([0]), np.array([1]), np.array([0, 1])
         elif number in group and {"PartOffsets", "NumberOfParts"} <= set(steps):
             ends = np.concatenate([[0], np.cumsum(group[number][()])])
-            first = np.asarray(steps["PartOffsets"][()]).reshape(-1)
+            start = np.asarray(steps["PartOffsets"][()]).reshape(-1)
             parts = np.asarray(steps["NumberOfParts"][()]).reshape(-1)
-            last = np.minimum(first + parts, len(ends) - 1)
+            stop = np.minimum(start + parts, len(ends) - 1)
         else:
             continue
         for name in offsets:
             begin = np.asarray(offsets[name][()]).reshape(-1)
             rows = np.zeros(len(group[data][name]) + 1, np.int64)
             np.add.at(rows, np.clip(begin, 0, len(rows) - 1), 1)
-            np.add.at(rows, np.clip(begin + ends[last] - ends[first], 0, len(rows) - 1), -1)
+            np.add.at(rows, np.clip(begin + ends[stop] - ends[start], 0, len(rows) - 1), -1)
             if unused := int(np.count_nonzero(np.cumsum(rows)[:-1] == 0)):
                 raise SprayError(
                     f"{file}: {group[data][name].name}: {unused} of {len(rows) - 1} rows belong to "
@@ -79,10 +79,10 @@ def composite_size(file: Path) -> Size:
         arrays = arrays_in(root)
         stored = bytes_of(arrays)
         # of grids; poly data count their cells by kind, a level deeper
-        counts = [each for each in arrays if each.name.endswith("/NumberOfCells")]
-        cells = sum(int(np.sum(each[()])) for each in counts if "Types" in each.parent)
-        counts = [each for each in arrays if each.name.endswith("/NumberOfPoints")]
-        points = sum(int(np.sum(each[()])) for each in counts if "Types" not in each.parent)
+        counts = [array for array in arrays if array.name.endswith("/NumberOfCells")]
+        cells = sum(int(np.sum(array[()])) for array in counts if "Types" in array.parent)
+        counts = [array for array in arrays if array.name.endswith("/NumberOfPoints")]
+        points = sum(int(np.sum(array[()])) for array in counts if "Types" not in array.parent)
     return Size(cells, points, _WHILE_READING * stored)
 
 
@@ -90,7 +90,7 @@ def times_in(file: Path) -> tuple[float, ...]:
     """Times in a file itself; none if it has a single state."""
     with open_hdf(file) as root:
         values = [a[()] for a in arrays_in(root) if a.name.endswith("Steps/Values")]
-    return tuple(sorted({float(time) for each in values for time in np.ravel(each)}))
+    return tuple(sorted({float(time) for steps in values for time in np.ravel(steps)}))
 
 
 def leaves(data: Any) -> list[tuple[str, Any]]:
@@ -116,5 +116,5 @@ def _named(data: Any, name: str) -> Iterator[tuple[str, Any]]:
 
     for number in range(count):
         about = data.GetMetaData(number) if data.HasMetaData(number) else None
-        own = about.Get(vtkCompositeDataSet.NAME()) if about is not None else None
-        yield from _named(part(number), own or name)
+        block_name = about.Get(vtkCompositeDataSet.NAME()) if about is not None else None
+        yield from _named(part(number), block_name or name)

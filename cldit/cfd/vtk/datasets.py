@@ -24,9 +24,9 @@ def dimension(data: Any) -> int:
         return 3
     from vtkmodules.vtkCommonDataModel import vtkCellTypes
 
-    found = vtkCellTypes()
-    data.GetDistinctCellTypes(found)
-    kinds = [found.GetCellType(place) for place in range(found.GetNumberOfTypes())]
+    cell_types = vtkCellTypes()
+    data.GetDistinctCellTypes(cell_types)
+    kinds = [cell_types.GetCellType(place) for place in range(cell_types.GetNumberOfTypes())]
     return max(_DIMENSION.get(kind, 3) for kind in kinds)
 
 
@@ -56,9 +56,9 @@ def as_unstructured(data: Any) -> Any:
         marks = np.where(bad.any(axis=1), 32, 0).astype(np.uint8)
         ghosts = grid.GetCellData().GetArray(GHOSTS)
         make: Any = numpy_support.numpy_to_vtk
-        found = make(marks if ghosts is None else marks | as_numpy(ghosts), deep=True)
-        found.SetName(GHOSTS)
-        grid.GetCellData().AddArray(found)
+        array = make(marks if ghosts is None else marks | as_numpy(ghosts), deep=True)
+        array.SetName(GHOSTS)
+        grid.GetCellData().AddArray(array)
     return grid
 
 
@@ -90,8 +90,8 @@ def as_numpy(array: Any) -> Any:
 
 def points_of(data: Any) -> Any:
     """Coordinates (P, 3) of the points."""
-    some = data.GetNumberOfPoints() > 0
-    return as_numpy(data.GetPoints().GetData()) if some else np.empty((0, 3))
+    filled = data.GetNumberOfPoints() > 0
+    return as_numpy(data.GetPoints().GetData()) if filled else np.empty((0, 3))
 
 
 def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
@@ -101,17 +101,17 @@ def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
     return {
         name: Column(
             f"{file}: {kind} {name}",
-            as_numpy(each),
-            unit=each.GetInformation().Get(key) if each.HasInformation() else None,
+            as_numpy(array),
+            unit=array.GetInformation().Get(key) if array.HasInformation() else None,
         )
-        for name, each in named_arrays(data).items()
+        for name, array in named_arrays(data).items()
     }
 
 
 def named_arrays(data: Any) -> dict[str, Any]:
     """Numeric arrays of the cells or points, as vtk holds them, by name."""
     arrays = [data.GetArray(index) for index in range(data.GetNumberOfArrays())]
-    return {each.GetName(): each for each in arrays if each is not None and each.GetName()}
+    return {array.GetName(): array for array in arrays if array is not None and array.GetName()}
 
 
 def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
@@ -124,10 +124,10 @@ def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
     else:
         kinds = as_numpy(grid.GetCellTypes())
     nodes, offsets = lists_of(grid.GetCells())
-    faces, own = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
+    faces, locations = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
     solid = None
-    if faces is not None and own is not None and own.GetNumberOfCells():
-        solid = PolyhedronFaces(*lists_of(faces), *lists_of(own))
+    if faces is not None and locations is not None and locations.GetNumberOfCells():
+        solid = PolyhedronFaces(*lists_of(faces), *lists_of(locations))
     return ElementMesh(points_of(grid), kinds, offsets, nodes, str(file), solid)
 
 
@@ -140,10 +140,10 @@ def check_cells(file: Path, data: Any) -> None:
     """Refuses cells with points that do not exist, at which vtk's filters would end the process."""
     count = data.GetNumberOfPoints()
     for nodes, start in _cell_arrays(data):
-        whole = start[0] == 0 and start[-1] == len(nodes) and np.all(np.diff(start) >= 0)
-        if not whole or (len(nodes) and not (nodes.min() >= 0 and nodes.max() < count)):
-            what = f"cells that do not fit {len(nodes)} corners and {count} points"
-            raise SprayError(f"{file}: is damaged or truncated ({what})")
+        consistent = start[0] == 0 and start[-1] == len(nodes) and np.all(np.diff(start) >= 0)
+        if not consistent or (len(nodes) and not (nodes.min() >= 0 and nodes.max() < count)):
+            problem = f"cells that do not fit {len(nodes)} corners and {count} points"
+            raise SprayError(f"{file}: is damaged or truncated ({problem})")
 
 
 def cell_lists(data: Any) -> tuple[Any, Any]:
@@ -152,11 +152,11 @@ def cell_lists(data: Any) -> tuple[Any, Any]:
     if len(lists) == 1:
         return lists[0]
     sizes = np.concatenate([np.zeros(1, np.int64), *(np.diff(start) for _, start in lists)])
-    return np.concatenate([np.empty(0, np.int64), *(each for each, _ in lists)]), np.cumsum(sizes)
+    return np.concatenate([np.empty(0, np.int64), *(nodes for nodes, _ in lists)]), np.cumsum(sizes)
 
 
 def _cell_arrays(data: Any) -> list[tuple[Any, Any]]:
     kinds = ("GetVerts", "GetLines", "GetPolys", "GetStrips")
     poly = data.IsA("vtkPolyData")
     parts = [getattr(data, kind)() for kind in kinds] if poly else [data.GetCells()]
-    return [lists_of(each) for each in parts if each is not None and each.GetNumberOfCells()]
+    return [lists_of(cells) for cells in parts if cells is not None and cells.GetNumberOfCells()]

@@ -45,8 +45,8 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         shown = ", ".join(map(str, layout.beside))
         way = f"give the folder to read both, or set spray.cloud: {NO_CLOUD} for gas alone"
         raise SprayError(f"{path}: no parcels, but there may be some in {shown}; {way}")
-    filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
-    parts = [_part(each) for each in filled or step.meshes[:1]]  # a processor may have no cell
+    filled = [piece for piece in step.meshes if piece.data.GetNumberOfCells()]
+    parts = [_part(piece) for piece in filled or step.meshes[:1]]  # a processor may have no cell
     case = join_gas(path, parts, names.cells, spec.fuel_field)
     return replace(
         case,
@@ -62,8 +62,8 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 def _times(step: Step, cloud: str | None) -> dict[Path, float]:
     """Times that the files of the gas and of the cloud state in themselves."""
     read = [*step.meshes, *([] if cloud is None else step.clouds[cloud])]
-    found = ((each.file, (comment_time(each.file), time_value(each.data))) for each in read)
-    return {file: time for file, both in found for time in both if time is not None}
+    stated = ((piece.file, (comment_time(piece.file), time_value(piece.data))) for piece in read)
+    return {file: time for file, times in stated for time in times if time is not None}
 
 
 def _part(loaded: Loaded) -> MeshPart:
@@ -82,35 +82,35 @@ def list_vtk(spec: CfdSpray) -> Listing:
     loader = Loader(nothing)
     drops = _parcel_fields(ColumnMap())
     step = find_step(spec.file, layout, loader, time_s=spec.time_s, cloud=NO_CLOUD, drops=drops)
-    known = [time for time in step_times(layout, loader).values() if time is not None]
+    times = [time for time in step_times(layout, loader).values() if time is not None]
     fields = frozenset[str]().union(*(e.cell_names | e.point_names for e in step.meshes))
     clouds = {
         name: sorted({field for part in parts for field in part.point_names})
         for name, parts in step.clouds.items()
     }
-    return known, sorted(fields), clouds
+    return times, sorted(fields), clouds
 
 
 def _parcel_fields(names: ColumnMap) -> tuple[str, ...]:
     """Names of the size of droplets and their number, or mass, in a parcel."""
-    wanted = merged(names.parcels, PARCEL_NAMES)
-    pairs = ((wanted.diameter, wanted.radius), (wanted.number, wanted.mass))
-    return tuple(name for each in pairs for value in each for name in columns_of_value(value))
+    mapping = merged(names.parcels, PARCEL_NAMES)
+    pairs = ((mapping.diameter, mapping.radius), (mapping.number, mapping.mass))
+    return tuple(name for pair in pairs for value in pair for name in columns_of_value(value))
 
 
 def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:
     """Selects the fields of the gas: at points only if some are missing in the cells."""
 
     def choose(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
-        wanted = columns_of(gas_names(names.cells, cells | points, fuel_field))
+        columns = columns_of(gas_names(names.cells, cells | points, fuel_field))
 
-        def among(known: Set[str]) -> set[str]:
-            return {name for name in known if {name, without_unit(name)} & wanted}
+        def among(fields: Set[str]) -> set[str]:
+            return {name for name in fields if {name, without_unit(name)} & columns}
 
-        found = among(cells)
-        complete = wanted <= found | {without_unit(name) for name in found}
+        in_cells = among(cells)
+        complete = columns <= in_cells | {without_unit(name) for name in in_cells}
         at_points = set() if complete else among(points)
-        return found | (cells & {GHOSTS}), at_points | (points & {GHOSTS})
+        return in_cells | (cells & {GHOSTS}), at_points | (points & {GHOSTS})
 
     return choose
 

@@ -33,11 +33,11 @@ class Marked:
     def remarks(self) -> tuple[str, ...]:
         """Sentence on them, if there are any."""
         pairs = ((self.cells, "cells"), (self.points, "points"))
-        counts = [f"{count} {what}" for count, what in pairs if count]
-        found = [f"Marked as ghost or hidden, omitted: {' and '.join(counts)}."] if counts else []
+        counts = [f"{count} {kind}" for count, kind in pairs if count]
+        lines = [f"Marked as ghost or hidden, omitted: {' and '.join(counts)}."] if counts else []
         if self.nowhere:
-            found.append(f"Marked as ghost in every piece, kept once: {self.nowhere}.")
-        return tuple(found)
+            lines.append(f"Marked as ghost in every piece, kept once: {self.nowhere}.")
+        return tuple(lines)
 
 
 def without_ghosts(pieces: Sequence[Any], marked: Marked) -> list[Any]:
@@ -47,22 +47,22 @@ def without_ghosts(pieces: Sequence[Any], marked: Marked) -> list[Any]:
     them. Points of a set without cells of three dimensions are parcels.
     """
     bits = [_bits(data) for data in pieces]
-    spared = [np.zeros(len(each), dtype=bool) for each in bits]
-    if sum(bool(np.any(each == 1)) for each in bits) > 1:
+    spared = [np.zeros(len(marks), dtype=bool) for marks in bits]
+    if sum(bool(np.any(marks == 1)) for marks in bits) > 1:
         spared = _owned_by_none([_places(data) for data in pieces], bits)
-        marked.nowhere += sum(int(each.sum()) for each in spared)
-    found = []
-    for data, each, saved in zip(pieces, bits, spared, strict=True):
-        bad = (each != 0) & ~saved
+        marked.nowhere += sum(int(mask.sum()) for mask in spared)
+    cleaned = []
+    for data, marks, saved in zip(pieces, bits, spared, strict=True):
+        bad = (marks != 0) & ~saved
         if not bad.any():
-            found.append(data)
+            cleaned.append(data)
         elif dimension(data) > 0:
             marked.cells += int(bad.sum())
-            found.append(_cells_of(data, np.flatnonzero(~bad)))
+            cleaned.append(_cells_of(data, np.flatnonzero(~bad)))
         else:
             marked.points += int(bad.sum())
-            found.append(as_points(data, np.flatnonzero(~bad)))
-    return found
+            cleaned.append(as_points(data, np.flatnonzero(~bad)))
+    return cleaned
 
 
 def _bits(data: Any) -> NDArray[np.integer]:
@@ -71,12 +71,12 @@ def _bits(data: Any) -> NDArray[np.integer]:
     if dimension(data) > 0:
         none = np.zeros(data.GetNumberOfCells(), np.uint8)
         return none if in_cells is None else as_numpy(in_cells) & _MARKED_CELL
-    found = np.zeros(data.GetNumberOfPoints(), np.uint8)
+    marks = np.zeros(data.GetNumberOfPoints(), np.uint8)
     if at_points is not None:
-        found |= as_numpy(at_points) & _MARKED_POINT
-    if in_cells is not None and data.GetNumberOfCells() == len(found):  # vertices
-        found |= as_numpy(in_cells) & _MARKED_CELL
-    return found
+        marks |= as_numpy(at_points) & _MARKED_POINT
+    if in_cells is not None and data.GetNumberOfCells() == len(marks):  # vertices
+        marks |= as_numpy(in_cells) & _MARKED_CELL
+    return marks
 
 
 def _places(data: Any) -> Floats:
@@ -91,15 +91,15 @@ def _places(data: Any) -> Floats:
 
 def _owned_by_none(places: Sequence[Floats], bits: Sequence[NDArray[np.integer]]) -> list[Mask]:
     """First of the copies at each place at which several are and no entry is unmarked."""
-    every, marks = np.concatenate(list(places)), np.concatenate(list(bits))
-    step = _SAME * max(float(np.ptp(every, axis=0).max()), 1e-12)
-    key = hashes(np.floor(every / step + np.sqrt(0.5)))
+    points, marks = np.concatenate(list(places)), np.concatenate(list(bits))
+    step = _SAME * max(float(np.ptp(points, axis=0).max()), 1e-12)
+    key = hashes(np.floor(points / step + np.sqrt(0.5)))
     copies = np.flatnonzero(marks == 1)
-    found, first, count = np.unique(key[copies], return_index=True, return_counts=True)
-    kept = copies[first[(count > 1) & ~np.isin(found, key[marks == 0])]]
+    keys, index, count = np.unique(key[copies], return_index=True, return_counts=True)
+    kept = copies[index[(count > 1) & ~np.isin(keys, key[marks == 0])]]
     spared = np.zeros(len(marks), dtype=bool)
     spared[kept] = True
-    return np.split(spared, np.cumsum([len(each) for each in bits])[:-1])
+    return np.split(spared, np.cumsum([len(part) for part in bits])[:-1])
 
 
 def _cells_of(data: Any, kept: Any) -> Any:
@@ -119,15 +119,15 @@ def as_points(data: Any, kept: Any) -> Any:
     from vtkmodules.vtkCommonDataModel import vtkPolyData
 
     chosen = _id_list(kept)
-    found: Any = vtkPolyData()
+    cloud: Any = vtkPolyData()
     points: Any = vtkPoints()
     points.SetDataType(data.GetPoints().GetDataType())
     data.GetPoints().GetPoints(chosen, points)
-    found.SetPoints(points)
-    found.GetPointData().CopyAllocate(data.GetPointData(), len(kept))
-    found.GetPointData().SetNumberOfTuples(len(kept))
-    found.GetPointData().CopyData(data.GetPointData(), chosen, 0)
-    return found
+    cloud.SetPoints(points)
+    cloud.GetPointData().CopyAllocate(data.GetPointData(), len(kept))
+    cloud.GetPointData().SetNumberOfTuples(len(kept))
+    cloud.GetPointData().CopyData(data.GetPointData(), chosen, 0)
+    return cloud
 
 
 def _id_list(kept: Any) -> Any:

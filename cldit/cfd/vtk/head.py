@@ -34,12 +34,12 @@ _COUNTED: dict[bytes, tuple[bytes, bytes, int]] = {
 } | {
     name: (b"offsets", b"NumberOf" + name, 1) for name in (b"Verts", b"Lines", b"Strips", b"Polys")
 }
-_MOST_PACKED = 10_000  # bytes of content for each in the file
-_MOST_COMPONENTS = 100
+_MOST_PACKED = 10_000  # bytes of content for each in the file: LZMA packs zeros by some 7,000
+_MOST_COMPONENTS = 100  # of an array: a tensor has 9
 _OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
 _BEGIN = re.compile(rb"<AppendedData\b[^>]*>\s*_")
 _TYPE = re.compile(rb"(?:U?Int|Float)(8|16|32|64)")
-_AT_ONCE = 1 << 20
+_AT_ONCE = 1 << 20  # bytes of a file that are searched at a time
 _WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 
 
@@ -49,9 +49,9 @@ def piece_counts(file: Path) -> tuple[int, int]:
     with open_regular(file) as stream:
         tags, _, _ = _xml(stream)
     for piece in (tag for tag in tags.values() if tag.startswith(b"<Piece")):
-        found = {name: int(count) for name, count in _COUNT.findall(piece)}
-        points += found.get(b"NumberOfPoints", 0)
-        cells += found.get(b"NumberOfCells", 0)
+        counts = {name: int(count) for name, count in _COUNT.findall(piece)}
+        points += counts.get(b"NumberOfPoints", 0)
+        cells += counts.get(b"NumberOfCells", 0)
         edges = [high - low for low, high in _extent(piece)]
         points += prod(edge + 1 for edge in edges) if edges else 0
         cells += prod(edges) if edges else 0
@@ -60,8 +60,8 @@ def piece_counts(file: Path) -> tuple[int, int]:
 
 def _extent(tag: bytes) -> list[tuple[int, int]]:
     """First and last index of a grid by rows along each axis."""
-    found = _EXTENT.search(tag)
-    ends = [] if found is None else [int(text) for text in found.group(1).split()]
+    match = _EXTENT.search(tag)
+    ends = [] if match is None else [int(word) for word in match.group(1).split()]
     return list(zip(ends[::2], ends[1::2], strict=False))
 
 
@@ -98,19 +98,19 @@ def check_head(file: Path) -> None:
     omits, and appended arrays that overlap or are cut off.
     """
     with open_regular(file) as stream:
-        tags, found, begin = _xml(stream)
+        tags, opening, begin = _xml(stream)
         end = stream.seek(0, 2)
         _check_counts(file, list(tags.values()), end)
-        whole = next((tag for tag in tags.values() if tag.startswith(b"<VTKFile")), b"")
+        root = next((tag for tag in tags.values() if tag.startswith(b"<VTKFile")), b"")
         form = _Form(
-            size=8 if b'"UInt64"' in whole else 4,
-            order="big" if b'"BigEndian"' in whole else "little",
-            packed=b" compressor=" in whole,
-            encoded=b"base64" in found or not found,
+            size=8 if b'"UInt64"' in root else 4,
+            order="big" if b'"BigEndian"' in root else "little",
+            packed=b" compressor=" in root,
+            encoded=b"base64" in opening or not opening,
         )
         behind = 0
         offsets = (_OFFSET.search(tag) for tag in tags.values())
-        for place in sorted({int(each.group(1)) for each in offsets if each}):  # some are shared
+        for place in sorted({int(match.group(1)) for match in offsets if match}):  # some are shared
             if place < behind:
                 raise _damaged(file, f"an array at {place}, inside the previous one")
             behind = place + _Head(file, stream, form, begin + place, end).stored
@@ -128,12 +128,12 @@ def _check_lengths(
     for at, tag in tags.items():
         name = _NAME.findall(tag)[0]
         if name == b"Piece":
-            counts = {key: int(text) for key, text in _COUNT.findall(tag)}
+            counts = {key: int(digits) for key, digits in _COUNT.findall(tag)}
         elif name != b"DataArray":
             section = name
         if name != b"DataArray" or section not in _COUNTED:
             continue
-        array, key, each = _COUNTED[section]
+        array, key, width = _COUNTED[section]
         if key not in counts or array not in (b"", _value(tag, b"Name")):
             continue
         if _value(tag, b"format") == b"ascii":
@@ -141,24 +141,24 @@ def _check_lengths(
         else:
             appended = _OFFSET.search(tag)
             place = _text_begin(stream, at) if appended is None else begin + int(appended.group(1))
-            own = replace(form, encoded=form.encoded or appended is None)
+            coded = replace(form, encoded=form.encoded or appended is None)
             if (number := _TYPE.fullmatch(_value(tag, b"type"))) is None:
                 continue  # vtk refuses it
-            held = _Head(file, stream, own, place, end).content // (int(number.group(1)) // 8)
-        if held != each * counts[key]:
-            raise _damaged(file, f"{key.decode()} is {counts[key]}; allowed: {held // each}")
+            held = _Head(file, stream, coded, place, end).content // (int(number.group(1)) // 8)
+        if held != width * counts[key]:
+            raise _damaged(file, f"{key.decode()} is {counts[key]}; allowed: {held // width}")
 
 
 def _value(tag: bytes, name: bytes) -> bytes:
-    found = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)[\"']", tag)
-    return b"" if found is None else found.group(1)
+    match = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)[\"']", tag)
+    return b"" if match is None else match.group(1)
 
 
 def _text_begin(stream: BinaryIO, at: int) -> int:
     """Place of the first character that is no blank."""
     stream.seek(at)
-    text = stream.read(1000)
-    return at + len(text) - len(text.lstrip())
+    head = stream.read(1000)
+    return at + len(head) - len(head.lstrip())
 
 
 def _words(stream: BinaryIO, at: int) -> int:
@@ -166,10 +166,10 @@ def _words(stream: BinaryIO, at: int) -> int:
     stream.seek(at)
     count, rest = 0, b""
     while part := stream.read(_AT_ONCE):
-        text, stop, _ = (rest + part).partition(b"<")
+        chunk, stop, _ = (rest + part).partition(b"<")
         if stop:
-            return count + len(text.split())
-        *words, rest = text.split(b" ") if not text[-1:].isspace() else [text, b""]
+            return count + len(chunk.split())
+        *words, rest = chunk.split(b" ") if not chunk[-1:].isspace() else [chunk, b""]
         count += len(b" ".join(words).split())
     return count + len(rest.split())
 
@@ -178,37 +178,37 @@ def _check_counts(file: Path, tags: list[bytes], size: int) -> None:
     root = next((tag for tag in tags if tag.startswith(b"<VTKFile")), b"")
     kind = re.search(rb"\btype\s*=\s*[\"'](\w+)", root)
     if kind is None or kind.group(1).decode() != _KINDS[file.suffix]:
-        what = "no VTK file in XML" if kind is None else f"of type {kind.group(1).decode()}"
-        raise SprayError(f"{file}: is {what}; expected by its name: {_KINDS[file.suffix]}")
+        problem = "no VTK file in XML" if kind is None else f"of type {kind.group(1).decode()}"
+        raise SprayError(f"{file}: is {problem}; expected by its name: {_KINDS[file.suffix]}")
     if file.suffix == ".vti":
         _check_spacing(file, next(tag for tag in tags if tag.startswith(b"<ImageData")))
     for tag in tags:
-        counts = {name.decode(): text for name, text in _COUNT.findall(tag)}
-        for name, text in counts.items():
-            most = _MOST_COMPONENTS if name.endswith("Components") else _MOST_PACKED * size
-            if not text.strip().isdigit() or int(text[:20]) > most:
-                raise _damaged(file, f"{name} is {text.decode('latin-1')!a}")
+        counts = {name.decode(): digits for name, digits in _COUNT.findall(tag)}
+        for name, digits in counts.items():
+            limit = _MOST_COMPONENTS if name.endswith("Components") else _MOST_PACKED * size
+            if not digits.strip().isdigit() or int(digits[:20]) > limit:
+                raise _damaged(file, f"{name} is {digits.decode('latin-1')!a}")
         if int(counts.get("NumberOfCells", 0)) and not int(counts.get("NumberOfPoints", 1)):
             raise _damaged(file, "cells without points")
     pieces = [ends for tag in tags if tag.startswith(b"<Piece") and (ends := _extent(tag))]
-    whole = next((_extent(tag) for tag in tags if b"WholeExtent" in tag), [])
-    around = [(min(each)[0], max(b for _, b in each)) for each in zip(*pieces, strict=False)]
-    if pieces and (len(whole) != 3 or any(a > b for each in pieces for a, b in each)):
+    extent = next((_extent(tag) for tag in tags if b"WholeExtent" in tag), [])
+    bounds = [(min(axis)[0], max(b for _, b in axis)) for axis in zip(*pieces, strict=False)]
+    if pieces and (len(extent) != 3 or any(a > b for piece in pieces for a, b in piece)):
         raise _damaged(file, "extents that are none")
-    if pieces and whole != around:
-        raise _damaged(file, f"pieces that fill {around} of {whole}")
+    if pieces and extent != bounds:
+        raise _damaged(file, f"pieces that fill {bounds} of {extent}")
 
 
 def _check_spacing(file: Path, image: bytes) -> None:
     """Refuses an image without edges of its cells, for which vtk takes 1 m, or cells of no size."""
-    found = _SPACING.search(image)
-    text = "" if found is None else found.group(1).decode("latin-1")
+    match = _SPACING.search(image)
+    spacing = "" if match is None else match.group(1).decode("latin-1")
     try:
-        good = [0.0 < float(word) < inf for word in text.split()] == [True] * 3
+        good = [0.0 < float(word) < inf for word in spacing.split()] == [True] * 3
     except ValueError:
         good = False
     if not good:
-        raise _damaged(file, f"Spacing is {text!a}; allowed: three numbers above 0")
+        raise _damaged(file, f"Spacing is {spacing!a}; allowed: three numbers above 0")
 
 
 _LEGACY = re.compile(
@@ -223,40 +223,40 @@ def check_legacy(file: Path) -> None:
         raise _damaged(file, "empty")
     with (
         open_regular(file) as stream,
-        mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as text,
+        mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as mapped,
     ):
-        for found in _LEGACY.finditer(text):
-            name, words = found.group(1).decode(), found.group(2).split()
+        for match in _LEGACY.finditer(mapped):
+            name, words = match.group(1).decode(), match.group(2).split()
             numbers = [word for word in words if not word[:1].isalpha()]
             good = bool(numbers) and all(word.isdigit() and len(word) < 19 for word in numbers)
             counts = [int(word) for word in numbers] if good else []
             if name == "DIMENSIONS":
-                good = len(counts) == 3 and 0 < prod(max(each - 1, 1) for each in counts) <= size
+                good = len(counts) == 3 and 0 < prod(max(count - 1, 1) for count in counts) <= size
             if not good or max(counts) > size:
-                raise _damaged(file, f"{name} {found.group(2)[:60].decode('latin-1')!a}")
+                raise _damaged(file, f"{name} {match.group(2)[:60].decode('latin-1')!a}")
 
 
 def _xml(stream: BinaryIO) -> tuple[dict[int, bytes], bytes, int]:
     """Tags up to the appended arrays, or to the end, by their ends; the text at which these begin,
     and its end."""
     tags: dict[int, bytes] = {}
-    rest, before = b"", 0
+    rest, offset = b"", 0
     while part := stream.read(_AT_ONCE):
-        text = rest + part
-        stop = _BEGIN.search(text)
-        last = 0
-        for tag in _TAG.finditer(text, 0, len(text) if stop is None else stop.start()):
-            tags[before + tag.end()] = tag.group()
-            last = tag.end()
+        chunk = rest + part
+        stop = _BEGIN.search(chunk)
+        end = 0
+        for tag in _TAG.finditer(chunk, 0, len(chunk) if stop is None else stop.start()):
+            tags[offset + tag.end()] = tag.group()
+            end = tag.end()
         if stop is not None:
-            return tags, stop.group(), before + stop.end()
-        kept = max(last, len(text) - 1000)
-        before, rest = before + kept, text[kept:]
+            return tags, stop.group(), offset + stop.end()
+        kept = max(end, len(chunk) - 1000)
+        offset, rest = offset + kept, chunk[kept:]
     return tags, b"", 0
 
 
-def _damaged(file: Path, what: str) -> SprayError:
-    return SprayError(f"{file}: is damaged or truncated ({what})")
+def _damaged(file: Path, reason: str) -> SprayError:
+    return SprayError(f"{file}: is damaged or truncated ({reason})")
 
 
 @dataclass(frozen=True)
@@ -302,5 +302,5 @@ class _Head:
         count = self._numbers(1)[0]
         if not self.form.packed or not count:
             return count
-        blocks, size, last = self._numbers(3)
-        return (blocks - 1) * size + (last or size)
+        blocks, size, tail = self._numbers(3)
+        return (blocks - 1) * size + (tail or size)

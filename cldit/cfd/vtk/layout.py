@@ -28,7 +28,7 @@ _CLOUDS = tuple(f"{place}.{kind}" for place in _PLACES for kind in ("vtp", "vtk"
 class Layout:
     """Data sets by step; times by step, if a list states them.
 
-    listed: entries of `.series` files, whether the files exist or not. own: step of a named file.
+    listed: entries of `.series` files, of missing files as well. named_step: step of a named file.
     read: files that were read for this. left_out: files of which nothing is used. beside: files
     next to the named one that it does not include, and that may be its parcels.
     """
@@ -39,7 +39,7 @@ class Layout:
     read: tuple[Path, ...] = ()
     left_out: tuple[Path, ...] = ()
     beside: tuple[Path, ...] = ()
-    own: str | None = None
+    named_step: str | None = None
     remarks: tuple[str, ...] = ()
 
 
@@ -65,30 +65,30 @@ def find_layout(path: Path) -> Layout:
     if path.suffix in COMPOSITE and (times := times_in(path)):
         steps = {repr(t): [Entry(stem(path), (path,), time_s=t)] for t in times}
         return Layout(steps, {repr(time): time for time in times})
-    found = entries(path)
-    near = [each for each in _files(path.parent) if each.suffix in (".vtp", ".pvtp")]
-    ours = {piece for entry in found for piece in (*entry.pieces, *entry.named_by)} | {path}
-    beside = [each for each in near if each not in ours and step_of(each) == step_of(path)]
-    return Layout({"": found}, beside=tuple(beside))
+    data_sets = entries(path)
+    neighbours = [file for file in _files(path.parent) if file.suffix in (".vtp", ".pvtp")]
+    ours = {piece for entry in data_sets for piece in (*entry.pieces, *entry.named_by)} | {path}
+    beside = [file for file in neighbours if file not in ours and step_of(file) == step_of(path)]
+    return Layout({"": data_sets}, beside=tuple(beside))
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted(each for each in folder.iterdir() if each.suffix in (*DATA, *COLLECTIONS, ".pvd"))
+    return sorted(file for file in folder.iterdir() if file.suffix in (*DATA, *COLLECTIONS, ".pvd"))
 
 
 def _foam_folder(path: Path) -> Path | None:
     """Top folder of foamToVTK's layout, if the path lies in one."""
-    here = path if path.is_dir() else path.parent
-    for folder in (here, here.parent):
+    top = path if path.is_dir() else path.parent
+    for folder in (top, top.parent):
         if folder.name == "lagrangian":
-            here = folder.parent
-    if path != here and (here / "internal.vtu").is_file() and re.search(r"_\d+$", here.name):
-        here = here.parent
-    elif (here / "internal.vtu").is_file() and (here.parent / "lagrangian").is_dir():
-        here = here.parent
+            top = folder.parent
+    if path != top and (top / "internal.vtu").is_file() and re.search(r"_\d+$", top.name):
+        top = top.parent
+    elif (top / "internal.vtu").is_file() and (top.parent / "lagrangian").is_dir():
+        top = top.parent
     marks = ("internal.vtu", "*/internal.vtu", "lagrangian", "*/lagrangian")
-    found = any(any(here.glob(mark)) for mark in marks)
-    return here if found else None
+    converted = any(any(top.glob(mark)) for mark in marks)
+    return top if converted else None
 
 
 def _foam(folder: Path, path: Path) -> Layout:
@@ -101,19 +101,19 @@ def _foam(folder: Path, path: Path) -> Layout:
     for pattern in _CLOUDS:
         for file in sorted(folder.glob(pattern)):
             inside = file.relative_to(folder)
-            after = Path(inside.parts[inside.parts.index("lagrangian") + 1])
-            entry = Entry(without_step(stem(after)), (file,), cloud=True)
+            cloud_file = Path(inside.parts[inside.parts.index("lagrangian") + 1])
+            entry = Entry(without_step(stem(cloud_file)), (file,), cloud=True)
             steps.setdefault(step_of(inside), []).append(entry)
-    lists = [each for glob in ("*.series", "lagrangian/*/*.series") for each in folder.glob(glob)]
-    listed = tuple(each for file in sorted(lists) for each in series(file))
-    times = {each.step: each.time_s for each in listed}
-    own = None
+    lists = [item for glob in ("*.series", "lagrangian/*/*.series") for item in folder.glob(glob)]
+    listed = tuple(item for file in sorted(lists) for item in series(file))
+    times = {item.step: item.time_s for item in listed}
+    step = None
     if path != folder and path.suffix != ".series":
-        own = step_of(path.relative_to(folder))
-        named = [each for each in steps.get(own, []) if path in each.pieces]
+        step = step_of(path.relative_to(folder))
+        named = [item for item in steps.get(step, []) if path in item.pieces]
         if named:  # no other file of its kind
-            steps[own] = named + [each for each in steps[own] if each.cloud != named[0].cloud]
-    return Layout(steps, times, listed, read=tuple(sorted(lists)), own=own)
+            steps[step] = named + [item for item in steps[step] if item.cloud != named[0].cloud]
+    return Layout(steps, times, listed, read=tuple(sorted(lists)), named_step=step)
 
 
 def _folder(folder: Path) -> Layout:
@@ -122,21 +122,21 @@ def _folder(folder: Path) -> Layout:
     for file in files:
         if file.suffix in COMPOSITE and times_in(file):
             raise SprayError(f"{file}: has several times in it; give this file as the case")
-    if lists := [each for each in files if each.suffix == ".pvd"]:
+    if lists := [item for item in files if item.suffix == ".pvd"]:
         layout = _pvd(lists)
-        every = [entry for found in layout.steps.values() for entry in found]
-        taken = {each for entry in every for each in (*entry.pieces, *entry.named_by)}
-        return replace(layout, left_out=tuple(each for each in files if each not in taken))
-    found = {file: entries(file) for file in files}
-    listing = [entry for each in found.values() for entry in each if entry.named_by]
+        used = [entry for group in layout.steps.values() for entry in group]
+        taken = {piece for entry in used for piece in (*entry.pieces, *entry.named_by)}
+        return replace(layout, left_out=tuple(item for item in files if item not in taken))
+    by_file = {file: entries(file) for file in files}
+    listing = [entry for group in by_file.values() for entry in group if entry.named_by]
     named = {piece for entry in listing for piece in (*entry.pieces, *entry.named_by[1:])}
     steps: dict[str, list[Entry]] = {}
-    for file, each in found.items():
+    for file, group in by_file.items():
         if file not in named:
-            steps.setdefault(step_of(Path(file.name)), []).extend(each)
+            steps.setdefault(step_of(Path(file.name)), []).extend(group)
     lists = sorted(folder.glob("*.series"))
-    listed = tuple(each for file in lists for each in series(file))
-    times = {each.step: each.time_s for each in listed}
+    listed = tuple(item for file in lists for item in series(file))
+    times = {item.step: item.time_s for item in listed}
     return Layout(steps, times, listed, read=tuple(lists))
 
 
@@ -147,11 +147,11 @@ def _pvd(lists: list[Path]) -> Layout:
     for file in lists:
         named, back = pvd_steps(file)
         remarks += back
-        for time, found in named.items():
-            near = (k for k, t in times.items() if abs(t - time) <= TIME_TOLERANCE * abs(t))
-            key = next(near, repr(time))
+        for time, data_sets in named.items():
+            close = (k for k, t in times.items() if abs(t - time) <= TIME_TOLERANCE * abs(t))
+            key = next(close, repr(time))
             times.setdefault(key, time)
-            steps.setdefault(key, []).extend(found)
+            steps.setdefault(key, []).extend(data_sets)
     if not steps:
         raise SprayError(f"{lists[0]}: names no file")
     return Layout(steps, times, read=tuple(lists), remarks=remarks)

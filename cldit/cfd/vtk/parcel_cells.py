@@ -32,9 +32,9 @@ def parcels_of(piece: Loaded, drops: Sequence[str]) -> Loaded:
         if _follow_parcels(piece, drops[-1], nodes, start):
             raise _refusal(piece, drops, "on lines along which a parcel keeps its number: tracks")
         return replace(piece, data=as_points(data, np.arange(data.GetNumberOfPoints())))
-    found = as_points(data, nodes)
-    found.GetPointData().ShallowCopy(data.GetCellData())
-    return replace(piece, data=found, point_names=piece.cell_names)
+    points = as_points(data, nodes)
+    points.GetPointData().ShallowCopy(data.GetCellData())
+    return replace(piece, data=points, point_names=piece.cell_names)
 
 
 def _follow_parcels(piece: Loaded, number: str, nodes: Labels, start: Labels) -> bool:

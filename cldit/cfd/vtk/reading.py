@@ -55,27 +55,27 @@ def load_vtk(file: Path, *, choose: Choose | None = None, watch: Watch = silent)
         with _messages(file, reader):
             reader.UpdateInformation()
         cells, points = reader.GetCellDataArraySelection(), reader.GetPointDataArraySelection()
-        known = _names(cells), _names(points)
-        wanted = known if choose is None else choose(*known)
-        _select(cells, wanted[0])
-        _select(points, wanted[1])
-        count = sum(len(a & b) for a, b in zip(known, wanted, strict=True))
+        available = _names(cells), _names(points)
+        selected = available if choose is None else choose(*available)
+        _select(cells, selected[0])
+        _select(points, selected[1])
+        count = sum(len(a & b) for a, b in zip(available, selected, strict=True))
         check_room(file, vtk_size(file, fields=count))
         with _messages(file, reader), _observed(file, reader, watch):
             reader.Update()
-            missing_some = not (known[0] <= wanted[0] and known[1] <= wanted[1])
+            missing_some = not (available[0] <= selected[0] and available[1] <= selected[1])
             if missing_some and dimension(reader.GetOutput()) in (0, 1):
                 cells.EnableAllArrays()
                 points.EnableAllArrays()
                 reader.Update()
     data = reader.GetOutput()
     if data is None or not data.IsA("vtkDataSet"):
-        found = "nothing" if data is None else data.GetClassName()
-        raise SprayError(f"{file}: contains {found}, expected a data set")
+        kind = "nothing" if data is None else data.GetClassName()
+        raise SprayError(f"{file}: contains {kind}, expected a data set")
     data = _checked(file, data)
     if file.suffix == ".vtk":
-        known = _fields_of(data)
-    return Loaded(file, data, *known)
+        available = _fields_of(data)
+    return Loaded(file, data, *available)
 
 
 def load_composite(
@@ -87,26 +87,26 @@ def load_composite(
     with _messages(file, reader):
         reader.UpdateInformation()
     cells, points = reader.GetCellDataArraySelection(), reader.GetPointDataArraySelection()
-    known = _names(cells), _names(points)
+    available = _names(cells), _names(points)
     cells.EnableAllArrays()
     # parcels have all of theirs, and may lie in the same file
     points.EnableAllArrays()
     if choose is not None:
-        _select(cells, choose(*known)[0])
+        _select(cells, choose(*available)[0])
     with _messages(file, reader), _observed(file, reader, watch):
         if time_s is None:
             reader.Update()
         else:
             reader.UpdateTimeStep(time_s)
-    found = leaves(reader.GetOutputDataObject(0))
-    if not found:
+    data_sets = leaves(reader.GetOutputDataObject(0))
+    if not data_sets:
         raise SprayError(f"{file}: no data set in it")
     parts = []
-    for name, each in found:
-        data = _checked(file, each)
+    for name, leaf in data_sets:
+        data = _checked(file, leaf)
         in_cells, at_points = _fields_of(data)
         if dimension(data) == 3:  # any mesh of the file may have fields that were not read
-            in_cells |= known[0]
+            in_cells |= available[0]
         parts.append(Loaded(file, data, in_cells, at_points, name))
     return parts
 
@@ -155,8 +155,8 @@ def _reader(file: Path) -> Any:
     if file.suffix == ".vtk":
         with open_regular(file) as stream:
             if re.search(rb"\n\s*ASCII\s*\n", stream.read(1000)):
-                why = "where vtk does not notice truncation; write it in binary or as .vtu"
-                raise SprayError(f"{file}: is legacy VTK in ascii, {why}")
+                reason = "where vtk does not notice truncation; write it in binary or as .vtu"
+                raise SprayError(f"{file}: is legacy VTK in ascii, {reason}")
     reader = readers[file.suffix]()
     reader.SetFileName(str(file))
     return reader
@@ -167,7 +167,7 @@ def _messages(file: Path, reader: Any) -> Iterator[None]:
     """Raises vtk's messages as errors afterwards; vtk only prints them to its output window."""
     from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
 
-    before, verbosity = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
+    previous, verbosity = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
     window = vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -175,12 +175,12 @@ def _messages(file: Path, reader: Any) -> Iterator[None]:
         yield
     finally:
         vtkLogger.SetStderrVerbosity(verbosity)
-        vtkOutputWindow.SetInstance(before)
-    text: Any = window.GetOutput()
-    if isinstance(text, bytes):  # where the message quotes a damaged file
-        text = text.decode("latin-1")
-    said = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", text)
-    if said or reader.GetErrorCode():
+        vtkOutputWindow.SetInstance(previous)
+    messages: Any = window.GetOutput()
+    if isinstance(messages, bytes):  # where the message quotes a damaged file
+        messages = messages.decode("latin-1")
+    note = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", messages)
+    if note or reader.GetErrorCode():
         head = file.read_bytes().partition(b"<AppendedData")[0]
         if (bad := _BAD_NAME.search(head)) is not None:
             raise SprayError(
@@ -188,7 +188,7 @@ def _messages(file: Path, reader: Any) -> Iterator[None]:
                 "does not allow, as foamToVTK of v1912 does; export only what is needed: "
                 "foamToVTK -fields '(T p rho C7H16)'"
             )
-        reason = ascii(said.group(1)).strip("'\"") if said else f"vtk error {reader.GetErrorCode()}"
+        reason = ascii(note.group(1)).strip("'\"") if note else f"vtk error {reader.GetErrorCode()}"
         raise SprayError(f"{file}: is damaged or truncated ({reason})")
 
 
@@ -210,10 +210,10 @@ def _observed(file: Path, reader: Any, watch: Watch) -> Iterator[None]:
     if elsewhere or signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
         yield  # Ctrl-C is not for this thread, or not for Python
         return
-    before = signal.signal(signal.SIGINT, lambda *_: pressed.set())
+    handler = signal.signal(signal.SIGINT, lambda *_: pressed.set())
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, handler)
         if pressed.is_set():
             raise KeyboardInterrupt

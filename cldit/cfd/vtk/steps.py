@@ -41,24 +41,24 @@ class Loader:
         self._choose, self._watch = choose, watch
         self._kept: dict[Path, Loaded] = {}
 
-    def load(self, file: Path, *, whole: bool = False) -> Loaded:
-        """Data set in a file; `whole` with all its fields."""
+    def load(self, file: Path, *, complete: bool = False) -> Loaded:
+        """Data set in a file, with all its fields if `complete`."""
         kept = self._kept.pop(file, None)
-        return kept or load_vtk(file, choose=None if whole else self._choose, watch=self._watch)
+        return kept or load_vtk(file, choose=None if complete else self._choose, watch=self._watch)
 
     def parts(self, entry: Entry) -> dict[Entry, list[Loaded]]:
         """Data sets of an entry with their pieces: several if its file holds several."""
         file = entry.pieces[0]
         if file.suffix not in COMPOSITE:
-            whole = entry.cloud is True
-            return {entry: [self.load(each, whole=whole) for each in entry.pieces]}
-        found: dict[Entry, list[Loaded]] = {}
+            complete = entry.cloud is True
+            return {entry: [self.load(piece, complete=complete) for piece in entry.pieces]}
+        by_entry: dict[Entry, list[Loaded]] = {}
         at, watch = entry.time_s, self._watch
         for part in load_composite(file, choose=self._choose, time_s=at, watch=watch):
             named_by = entry.named_by or (file,)  # the blocks of a file belong together
-            own = replace(entry, name=part.name or entry.name, named_by=named_by)
-            found.setdefault(own, []).append(part)
-        return found
+            part_entry = replace(entry, name=part.name or entry.name, named_by=named_by)
+            by_entry.setdefault(part_entry, []).append(part)
+        return by_entry
 
     def time_in(self, file: Path, *, only: bool) -> float | None:
         """Field `TimeValue` in a file; `only`: the only step, which is read in any case."""
@@ -74,13 +74,13 @@ class Loader:
 def step_times(layout: Layout, loader: Loader) -> dict[str, float | None]:
     """Time of each step of `layout` that may hold a mesh, by its key."""
     steps = {
-        key: found
-        for key, found in layout.steps.items()
-        if (layout.own is None or key == layout.own) and not all(entry.cloud for entry in found)
+        key: group
+        for key, group in layout.steps.items()
+        if layout.named_step in (None, key) and not all(entry.cloud for entry in group)
     }
     only = len(steps) == 1
-    known = layout.times
-    return {k: known[k] if k in known else _own_time(e, loader, only) for k, e in steps.items()}
+    stated = layout.times
+    return {k: stated[k] if k in stated else _own_time(e, loader, only) for k, e in steps.items()}
 
 
 def find_step(
@@ -102,39 +102,39 @@ def find_step(
             f"{path}: no mesh in it: neither an OpenFOAM case (constant/polyMesh) nor VTK files "
             "(internal.vtu, .vtu, .pvtu, .vtm, .pvd or .vtk), nor another case that is read"
         )
-    known: dict[float, str] = {}
+    by_time: dict[float, str] = {}
     for key, time in times.items():
-        if time is not None and (other := known.setdefault(time, key)) != key:
-            both = (*layout.steps[other], *layout.steps[key])
-            only_claimant(f"time {time:g}", (entry.pieces[0] for entry in both))
-    if len(known) == len(times):
-        missing = [each for each in layout.listed if each.step not in times]
-        absent = {each.time_s: each for each in missing if layout.own is None}
-        chosen = choose_time(str(path), [*known, *absent], time_s)
-        if chosen not in known:
-            there = ", ".join(f"{time:g}" for time in sorted(known)[-5:])
+        if time is not None and (rival := by_time.setdefault(time, key)) != key:
+            claims = (*layout.steps[rival], *layout.steps[key])
+            only_claimant(f"time {time:g}", (entry.pieces[0] for entry in claims))
+    if len(by_time) == len(times):
+        missing = [item for item in layout.listed if item.step not in times]
+        absent = {item.time_s: item for item in missing if layout.named_step is None}
+        chosen = choose_time(str(path), [*by_time, *absent], time_s)
+        if chosen not in by_time:
+            shown = ", ".join(f"{time:g}" for time in sorted(by_time)[-5:])
             raise SprayError(
-                f"{absent[chosen].text}, and its mesh is missing; restore it, or choose of: {there}"
+                f"{absent[chosen].text}, and its mesh is missing; restore it, or choose of: {shown}"
             )
         at: float | None = chosen
-        key = known[chosen]
+        key = by_time[chosen]
     elif len(times) == 1 and time_s in (None, "latest"):
         at, key = None, next(iter(times))
     else:
-        what = "several mesh files, and not all state their time"
+        problem = "several mesh files, and not all state their time"
         steps = "if they are steps, give the path of one, without spray.time_s"
         pieces = "if they are pieces of one state, name all of them in a .pvtu and give its path"
-        raise SprayError(f"{path}: {what}; {steps}; {pieces}")
-    found = layout.steps[key]
-    for each in layout.listed if cloud != NO_CLOUD else ():
-        if each.step == key and each.of_cloud and not each.file.exists():
-            raise SprayError(f"{each.text}, whose file {each.file.name} is missing")
-    elsewhere = {k for k, each in layout.steps.items() if any(map(_parcels_likely, each))}
-    if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, found)):
-        others = f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
-        what = f"no cloud file of the same step {key!r}, but other steps have"
-        raise NotAtThisTime(f"{found[0].pieces[0]}: {what}: {others}")
-    return _sorted(at, found, layout, loader, cloud, drops)
+        raise SprayError(f"{path}: {problem}; {steps}; {pieces}")
+    data_sets = layout.steps[key]
+    for item in layout.listed if cloud != NO_CLOUD else ():
+        if item.step == key and item.of_cloud and not item.file.exists():
+            raise SprayError(f"{item.text}, whose file {item.file.name} is missing")
+    elsewhere = {k for k, group in layout.steps.items() if any(map(_parcels_likely, group))}
+    if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, data_sets)):
+        hint = f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
+        problem = f"no cloud file of the same step {key!r}, but other steps have"
+        raise NotAtThisTime(f"{data_sets[0].pieces[0]}: {problem}: {hint}")
+    return _sorted(at, data_sets, layout, loader, cloud, drops)
 
 
 def _parcels_likely(entry: Entry) -> bool:
@@ -143,7 +143,7 @@ def _parcels_likely(entry: Entry) -> bool:
 
 def _sorted(
     at: float | None,
-    found: Sequence[Entry],
+    group: Sequence[Entry],
     layout: Layout,
     loader: Loader,
     cloud: str | None,
@@ -156,14 +156,14 @@ def _sorted(
     marked = Marked()
     files = list(layout.read)
     surfaces = list(layout.left_out)
-    for entry, loaded in (pair for each in found for pair in loader.parts(each).items()):
-        kept = without_ghosts([each.data for each in loaded], marked)
-        pieces = [replace(each, data=data) for each, data in zip(loaded, kept, strict=True)]
+    for entry, loaded in (pair for item in group for pair in loader.parts(item).items()):
+        kept = without_ghosts([part.data for part in loaded], marked)
+        pieces = [replace(part, data=data) for part, data in zip(loaded, kept, strict=True)]
         files += entry.named_by
         for piece in entry.pieces:
             files += hdf_files(piece) if piece.suffix in COMPOSITE else (piece,)
         high = max(dimension(piece.data) for piece in pieces)
-        names = frozenset[str]().union(*(each.point_names | each.cell_names for each in pieces))
+        names = frozenset[str]().union(*(part.point_names | part.cell_names for part in pieces))
         name = entry.name if entry.cloud else without_step(entry.name)
         flat = all(piece.data.IsA("vtkPolyData") for piece in pieces)
         empty = high == -1 and flat and (not names or names.issuperset(drops))
@@ -182,25 +182,25 @@ def _sorted(
     tops = {entry.named_by[:1] for entry in meshes}  # the blocks of one collection belong together
     if len(tops) > 1 or (len(meshes) > 1 and tops == {()}):
         only_claimant("the mesh of the gas", (entry.pieces[0] for entry in meshes))
-    every = [piece for pieces in meshes.values() for piece in pieces]
+    gas = [piece for pieces in meshes.values() for piece in pieces]
     shown = ", ".join(map(str, surfaces))
     if not meshes:
-        parcels = ", ".join(str(each) for places in claims.values() for each in places)
+        parcels = ", ".join(str(place) for places in claims.values() for place in places)
         looked = (("parcels alone", parcels), ("lines or surfaces", shown))
-        held = "; ".join(f"{what} in {names}" for what, names in looked if names)
+        held = "; ".join(f"{kind} in {names}" for kind, names in looked if names)
         raise SprayError(
-            f"{found[0].pieces[0].parent}: no gas: no data set of cells with a volume ({held}); "
+            f"{group[0].pieces[0].parent}: no gas: no data set of cells with a volume ({held}); "
             "name the gas, or the folder of gas and parcels"
         )
     remarks = (*layout.remarks, *marked.remarks)
     if surfaces:
         remarks = (*remarks, f"Omitted, neither gas nor parcels: {shown}.")
-    return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
+    return Step(at, gas, clouds, tuple(dict.fromkeys(files)), remarks)
 
 
-def _own_time(found: Sequence[Entry], loader: Loader, only: bool) -> float | None:
+def _own_time(data_sets: Sequence[Entry], loader: Loader, only: bool) -> float | None:
     """Time that a file of a step states in its comment, or as the field `TimeValue`."""
-    for file in (entry.pieces[0] for entry in found if not entry.cloud):
+    for file in (entry.pieces[0] for entry in data_sets if not entry.cloud):
         time = comment_time(file)
         time = loader.time_in(file, only=only) if time is None else time
         if time is not None:

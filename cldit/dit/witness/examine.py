@@ -16,7 +16,8 @@ from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
 from cldit.dit.witness.levels import levels
 from cldit.dit.witness.orientation import orientation
-from cldit.dit.witness.pixels import Patterns, Renewed, between_backgrounds, between_kinds
+from cldit.dit.witness.patterns import Patterns
+from cldit.dit.witness.pixels import Renewed, between_backgrounds, between_kinds
 from cldit.dit.witness.shift import shift
 from cldit.dit.witness.trend import DriftTerm, terms
 from cldit.radiance.boundary import Boundary, Surroundings

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats, Mask
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.dit.camera_of_shots import SEES
 from cldit.dit.shots import AllSums, Sums
 from cldit.dit.solve import KINDS
@@ -19,7 +20,7 @@ _ENDS = 0.03  # of the range of an integer: close to either end
 _PIXELS = 0.005  # share of pixels that fall by half of that range
 _LIKE = 0.1  # relative deviation of a level from a temperature
 _STEEP = (0.5, 1.5)  # change of the level by that of the temperature
-_TEMPERATURES = {"K": 0.0, "degrees Celsius": 273.15}
+_TEMPERATURES = {"K": 0.0, "degrees Celsius": ZERO_CELSIUS_K}
 _FACTORS = (1.0, 10.0, 25.0, 100.0, 1000.0)  # in which programs store temperatures as integers
 
 

@@ -15,7 +15,7 @@ from cldit.dit.hypotheses import TURNS
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness, refusal
-from cldit.dit.witness.pixels import neighbours
+from cldit.dit.witness.patterns import neighbours
 
 _LEAST = 8  # pixels along an axis: 64 give a correlation of noise of 1/8
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)

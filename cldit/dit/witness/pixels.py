@@ -19,15 +19,13 @@ from scipy.ndimage import binary_erosion
 from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
-from cldit.camera.calibration import Calibration
 from cldit.dit import hypotheses
-from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
+from cldit.dit.witness.patterns import Patterns
 
 _BLOCKS = 32  # along either axis, at most: as thumbnails
 _EDGE = 6  # pixels along a block, at least: 36 give a variance to 24 %
-_HIGH = np.sqrt(64.0 / 169.0)  # of fourth differences, for the variance of white noise
 _SURE = 6.0  # standard deviations of moments that are no chance
 _MORE = 0.1  # excess of the variance: errors are 5 % larger
 _PART = 0.02  # share of the blocks that is worth a warning
@@ -35,77 +33,7 @@ _LONE = 0.5  # of the unexplained squares, for one background alone
 _CLIP = 4.0  # standard deviations: one of 16,000 normal pixels is clipped
 _WIDE = 2.5  # standard deviations from which errors are widened without a warning
 _SPREAD = 0.3  # of the warmest radiance: spread of the temperatures of thin sprays
-_UNLUCKY = 10.0  # variance of few shots over that found from them
 _RADIANCES = np.linspace(0.0, 1.0, 9)
-
-
-@dataclass(frozen=True)
-class Patterns:
-    """Means of each background without their smooth part, counts.
-
-    high, mean, noise: (K, h, w) by kind; noise: variance of `high`. sees: (h, w) pixels whose
-    neighbours, up to two pixels away, see the background. source: (K,) radiance over the largest.
-    """
-
-    high: Mapping[str, Floats]
-    mean: Mapping[str, Floats]
-    noise: Mapping[str, Floats]
-    sees: Mask
-    source: Floats
-
-    @classmethod
-    def of(
-        cls,
-        sums: AllSums,
-        setpoints: Sequence[float],
-        *,
-        sees: Mask,
-        source: Floats,
-        calibration: Calibration,
-        amount2: float,
-    ) -> "Patterns":
-        """Patterns of the `sums`; amount2: variance of the relative amount of spray of a shot."""
-        high: dict[str, Floats] = {}
-        mean: dict[str, Floats] = {}
-        noise: dict[str, Floats] = {}
-        for kind in KINDS:
-            groups = [sums[k, kind] for k in setpoints]
-            mean[kind] = np.array([group.mean() for group in groups])
-            high[kind] = _HIGH * np.array([_without_smooth(image) for image in mean[kind]])
-            variances = []
-            for group, group_mean in zip(groups, mean[kind], strict=True):
-                steady = group.spare(steady=True) > 1.0
-                variances.append(
-                    group.variance(steady=steady)
-                    if group.spare() > 0.0
-                    else calibration.variance_counts2(group_mean)
-                )
-            noise[kind] = np.array(variances)
-            if kind == "injection":
-                spray = high[kind] - high["reference"]
-                noise[kind] = noise[kind] + _UNLUCKY * amount2 * spray**2
-            noise[kind] = noise[kind] / np.array([g.exposures for g in groups])[:, None, None]
-        inside = binary_erosion(sees, iterations=2)
-        return cls(high, mean, noise, inside, source / source.max())
-
-    @property
-    def design(self) -> Floats:
-        """(K, 2) of a line over the radiance."""
-        return np.stack([self.source, np.ones_like(self.source)], axis=1)
-
-
-def _without_smooth(image: Floats) -> Floats:
-    """Fourth differences (h, w): a pixel minus its four neighbours, twice. Second differences would
-    contain the curvature of a spray that is only some pixels wide."""
-    once = image - neighbours(image)
-    return once - neighbours(once)
-
-
-def neighbours(image: Floats) -> Floats:
-    """Mean (h, w) of the four neighbours of each pixel; at an edge, of the pixel itself too."""
-    edged = np.pad(image, 1, mode="edge")
-    sides = edged[:-2, 1:-1] + edged[2:, 1:-1] + edged[1:-1, :-2] + edged[1:-1, 2:]
-    return np.asarray(sides / 4.0)
 
 
 @dataclass(frozen=True)

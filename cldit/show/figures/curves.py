@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from cldit.arrays import Floats
+from cldit.constants import ZERO_CELSIUS_K
 from cldit.dit.design import Design, Goal
 from cldit.dit.profile import Profile
 from cldit.run import Run
@@ -82,7 +83,11 @@ def profile_figure(profile: Profile, *, title: str) -> Figure:
         axes.grid()
     figure.align_ylabels()
     beside = upper.secondary_yaxis(
-        "right", functions=(lambda kelvin: kelvin - 273.15, lambda degrees: degrees + 273.15)
+        "right",
+        functions=(
+            lambda kelvin: kelvin - ZERO_CELSIUS_K,
+            lambda degrees: degrees + ZERO_CELSIUS_K,
+        ),
     )
     beside.set_ylabel("°C")
     figure.suptitle(plain(title))

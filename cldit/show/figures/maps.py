@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps, Reason
 from cldit.radiance.weights import Weights, compose
-from cldit.run.ensemble import Ensemble
+from cldit.run.ensemble_statistics import Ensemble
 from cldit.scene import Scene
 from cldit.show.figures.colours import (
     COUNTS,

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cldit.arrays import Floats
-from cldit.optics.planck import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
+from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Response
 from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled

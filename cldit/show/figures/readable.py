@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from cldit.constants import ZERO_CELSIUS_K
+
 # Ending of a key -> unit shown and factor. The longest that fits is the unit.
 _UNITS: dict[str, tuple[str, float]] = {
     "_kg": ("mg", 1e6),
@@ -47,7 +49,7 @@ def human(key: str, value: float) -> tuple[str, str]:
     shown = value * factor
     text = f"{shown:.0f}" if float(shown).is_integer() and abs(shown) < 1e15 else f"{shown:.4g}"
     if unit == "K" and quantity == "temperature":
-        return extreme + _NAMES.get(name, name), f"{text} K ({value - 273.15:.0f} °C)"
+        return extreme + _NAMES.get(name, name), f"{text} K ({value - ZERO_CELSIUS_K:.0f} °C)"
     return extreme + _NAMES.get(name, name), f"{text} {unit}".rstrip()
 
 

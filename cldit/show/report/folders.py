@@ -4,12 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cldit.acquisition.measured import Measured, open_recorded
-from cldit.acquisition.record import Acquisition, maps_folder
+from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.run import open_run
 from cldit.run.series_plan import SERIES_FILE
-from cldit.scene.delays import delay_text
 from cldit.show.figures.maps import map_figure
 from cldit.show.figures.panels import Frame
 from cldit.show.figures.style import write_figure
@@ -19,7 +18,8 @@ from cldit.show.report.series_report import FILM_FILE
 
 
 def write_pages(folder: str | Path) -> tuple[Path, ...]:
-    """Writes a page beside the maps of an acquisition or of measured data, one for each delay.
+    """Writes a page beside the maps of an acquisition or of measured data, one for each filter and
+    delay.
 
     folder: evaluated acquisition, folder with measured.yaml, or such a file itself. Returns the
     pages' paths.
@@ -35,15 +35,14 @@ def write_pages(folder: str | Path) -> tuple[Path, ...]:
 
 
 def _evaluated(found: Acquisition | Measured) -> Iterator[tuple[Path, str]]:
-    """Folders of maps, and ` at 0.95 ms` for each of several delays."""
-    delays = found.plan.delays if isinstance(found, Acquisition) else ()
-    if len(delays) < 2:
+    """Folders of maps, and ` at 0.95 ms` for each of several filters and delays."""
+    if not isinstance(found, Acquisition) or len(found.plan.groups) < 2:
         yield found.folder / "maps", ""
         return
-    for number, delay_s in enumerate(delays):
-        place = maps_folder(found.folder, delays, number)
+    for group in found.plan.groups:
+        place = maps_of_group(found.folder, found.plan, group)
         if place.is_dir():
-            yield place, f" at {delay_text(delay_s)}"
+            yield place, f" at {', '.join(found.plan.words(group))}"
 
 
 def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:

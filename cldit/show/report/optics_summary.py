@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.optics.droplets import DropletTable, droplet_table, table_error
 from cldit.optics.liquid import Liquid, liquid, liquids
@@ -17,7 +18,6 @@ from cldit.optics.xsc import read_xsc
 from cldit.scene.schema import Scene
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import ConeSpray, LagrangianSpray
-from cldit.spray.cone.fluid_properties import GAS_CONSTANT_J_mol_K
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
 
 _STRATA = 400
@@ -101,7 +101,7 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
     """
     optics = scene.optics
     cone = scene.spray if isinstance(scene.spray, ConeSpray | LagrangianSpray) else None
-    fuel, fuel_K, gas_K, pressure_Pa = "n-heptane", 300.0, 300.0, 101325.0
+    fuel, fuel_K, gas_K, pressure_Pa = "n-heptane", 300.0, 300.0, STANDARD_ATMOSPHERE_Pa
     sizes: Sizes | None = FIG4[0].sizes
     if cone is not None:
         fuel, fuel_K, sizes = cone.fuel, cone.fuel_temperature_K, cone.droplets

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure as Drawn
 
 from cldit.accuracy.errors import Cause
+from cldit.acquisition.plan import Group
 from cldit.acquisition.record import maps_folder, open_acquisition
 from cldit.arrays import Floats
 from cldit.dit.delay_table import DelayRow
@@ -94,7 +95,7 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
         yield "emissivity_errors", shown, caption.format("errors/emissivity/")
     if run.ensemble is not None:
         panels, title = injections_panels(run.ensemble), f"{run.ensemble.members} injections"
-        caption = f"Differences between injections; {run.ensemble.text(run)}."
+        caption = f"Differences between injections; {run.ensemble.text(run.maps)}."
         yield "injections", drawn(panels, title), caption
     if run.info.spectral is not None and run.info.spectral.errors_K:
         chosen, title = len(run.info.spectral.nodes), f"{name}: error against number of wavelengths"
@@ -127,7 +128,8 @@ def _camera(run: Run) -> Slider:
         return Slider("Background", {})
     acquisition = open_acquisition(_folder(run) / "acquisition")
     if len(acquisition.plan.delays) > 1 and spray_time_s(run.scene) is not None:
-        acquisition = acquisition.at_delay(_delay_number(run, acquisition.plan.delays))
+        delay = _delay_number(run, acquisition.plan.delays)
+        acquisition = acquisition.of_group(Group(delay=delay))
     frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
     sums: dict[float, tuple[Floats, int]] = {}
     for shot in acquisition.shots:

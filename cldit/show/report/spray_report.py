@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
 from cldit.arrays import Floats
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import MASS
@@ -72,7 +73,7 @@ def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
     if (vapour := spray.vapour) is None:
         return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
     mass = vapour.number_density_m3 * vapour.cells.volume_m3
-    mass = mass * vapour.molar_mass_kg_mol / 6.02214076e23
+    mass = mass * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL
     filled = _filled(vapour.cells.lower_m, vapour.cells.upper_m, mass, view, pixel_m)
     return _project(*filled, extent(spray), view, pixel_m, 0.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.measured import Measured, is_measured, open_recorded
-from cldit.acquisition.record import maps_folder
+from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.acquisition.storage import PLAN
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
@@ -16,7 +16,6 @@ from cldit.io.images import read_image
 from cldit.io.plain_data import read_mapping
 from cldit.optics.response import from_plain
 from cldit.run import open_run
-from cldit.scene.delays import delay_text
 from cldit.show.view.item import Item, place_of, planck_ends, planck_tables
 from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
 from cldit.show.view.traced import traced_item
@@ -88,33 +87,43 @@ def _time_s(run: Path) -> float:
 
 
 def _measured_items(folder: Path) -> Iterator[Item]:
-    """Evaluated delays of an acquisition, or measured data; the page shows the maps as stored."""
+    """Evaluated filters and delays of an acquisition, or measured data; the page shows the maps as
+    stored."""
     opened = open_recorded(folder)
-    delays = () if isinstance(opened, Measured) else opened.plan.delays
     place = opened.folder.resolve()
     name = f"{place.parent.name}, acquired" if place.name == "acquisition" else place.name
     if isinstance(opened, Measured):
         name = opened.name
     head: dict[str, Any] = {"kind": "measurement", "source": str(folder), "about": ""}
-    filter_um = from_plain(opened.calibration["filter_um"])
-    head["ends"] = planck_ends(filter_um)
     found = 0
-    for number in range(max(len(delays), 1)):
-        maps = maps_folder(opened.folder, delays, number)
+    for maps, time_s, words, calibration in _evaluated(opened):
         if not maps.is_dir():
             continue
         found += 1
-        arrays = _arrays(maps)
-        many = len(delays) > 1
+        arrays, filter_um = _arrays(maps), from_plain(calibration["filter_um"])
         one = {
             **head,
-            "name": f"{name}, {delay_text(delays[number])}" if many else name,
-            "time_s": delays[number] if delays else None,
+            "ends": planck_ends(filter_um),
+            "name": ", ".join((name, *words)),
+            "time_s": time_s,
             **place_of(arrays["reason"].shape, opened.pixel_m, opened.centre_m),
         }
         yield Item(one, {**planck_tables(filter_um), **arrays})
     if not found:
         raise RunFolderError(f"{folder}: is not evaluated yet; run `cldit evaluate {folder}` first")
+
+
+def _evaluated(
+    opened: Acquisition | Measured,
+) -> Iterator[tuple[Path, float | None, tuple[str, ...], dict[str, Any]]]:
+    """Folders of maps, with delay, words for the title and calibration."""
+    if isinstance(opened, Measured):
+        yield opened.folder / "maps", None, (), opened.calibration
+        return
+    for group in opened.plan.groups:
+        maps = maps_of_group(opened.folder, opened.plan, group)
+        delay_s, words = opened.plan.delays[group.delay], opened.plan.words(group)
+        yield maps, delay_s, words, opened.calibrations[group.filter]
 
 
 def _arrays(folder: Path) -> dict[str, NDArray[Any]]:

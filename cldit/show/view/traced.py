@@ -198,7 +198,7 @@ def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) ->
     rear = np.array([one.rear.transmission for one in bands])
     at_K = np.array(scene.background.temperatures_K)
     own = np.stack([one.radiance(at_K) for one in bands]) * (f * rear)[:, None]
-    around = f * rear * np.array([one.around for one in bands])
+    around = f * rear * np.array([one.surroundings for one in bands])
     added = f * np.array([one.rear_added for one in bands])
     lights = {
         "background": np.column_stack([own, around, added]),

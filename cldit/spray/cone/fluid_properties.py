@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 
-GAS_CONSTANT_J_mol_K = 8.31446261815324
-
-HEPTANE_MOLAR_MASS_kg_mol = 0.100204
 HEPTANE_CRITICAL_K = 540.20
 HEPTANE_CRITICAL_Pa = 2.74e6
 HEPTANE_BOILING_K = 371.58
@@ -43,6 +41,7 @@ def heptane_latent_heat_J_kg(temperature_K: ArrayLike) -> Floats:
     return np.asarray(499121.791545248 * (1 - t / HEPTANE_CRITICAL_K) ** 0.38795)
 
 
+# a to d of NSRDS 14 for the liquid, and a to e of NSRDS 7 for the vapour, J/(kg K) and K
 _CPL = (6.11976102401216, 3137.69909384855, 182.274175063868, -254.530511150515)
 _CPG = (1199.05392998284, 3992.85457666361, 1676.6, 2734.42177956968, 756.4)
 

@@ -16,27 +16,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats, Ints
+from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     NITROGEN,
-    GAS_CONSTANT_J_mol_K,
     HEPTANE_CRITICAL_Pa,
-    HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,
     heptane_vapour_cp_J_kg_K,
     heptane_vapour_enthalpy_J_kg,
 )
-from cldit.spray.cone.wet_bulb import still
+from cldit.spray.cone.wet_bulb import at_rest
 from cldit.spray.droplet.arrays import DropletKernels
 
 _HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
 _ZOOMS = 7  # each by 299: 1e15, down to rounding
-_ENTRIES = 3000  # of a table of one slice
-_FINE = 400  # entries of a table of many slices, in the range of liquid
-_SLICES = 41
+_FINE = 400  # entries in the range of liquid: steps of 4 % in B, 1e7^(1/399)
+_SLICES = 41  # evaporated shares from 0 to 1, linear between them: steps of 2.5 %
 _AT_ONCE = 20_000  # states that are processed in the cache
 
 
@@ -77,42 +75,43 @@ class Mixture:
         """
         content, share = np.broadcast_arrays(np.asarray(fuel_kg_m3, dtype=float), kinetic)
         state = MixtureState(*(np.empty(content.shape) for _ in range(4)))
-        wholes = [one.reshape(-1) for one in vars(state).values()]
+        targets = [array.reshape(-1) for array in vars(state).values()]
         content, share = content.reshape(-1), share.reshape(-1)
         for start in range(0, content.size, _AT_ONCE):
             part = slice(start, start + _AT_ONCE)
-            for whole, values in zip(wholes, self._state(content[part], share[part]), strict=True):
-                whole[part] = values
+            state_part = self._state(content[part], share[part])
+            for target, values in zip(targets, state_part, strict=True):
+                target[part] = values
         return state
 
     def _state(self, fuel_kg_m3: Floats, kinetic: Floats) -> tuple[Floats, ...]:
         with np.errstate(divide="ignore"):
-            wanted = np.log(fuel_kg_m3)
+            log_content = np.log(fuel_kg_m3)
         axis, tables = self._by_content
-        gas, liquid, ratio = bilinear(self.kinetic, axis, tables, kinetic, wanted)
+        gas, liquid, ratio = bilinear(self.kinetic, axis, tables, kinetic, log_content)
         fuel_to_gas = np.exp(ratio)
         return gas, liquid, self.evaporated(fuel_to_gas, kinetic), fuel_to_gas
 
     def evaporated(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
         """Evaporated share, any shape: the smaller of `kinetic` and that of equilibrium."""
         with np.errstate(divide="ignore"):
-            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
-        allowed = np.interp(wanted, self._logarithms[0], self.equilibrium)
+            log_ratio = np.log(np.asarray(fuel_to_gas, dtype=float))
+        allowed = np.interp(log_ratio, self._logarithms[0], self.equilibrium)
         return np.asarray(np.minimum(allowed, kinetic))
 
     def content(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
         """Fuel [kg/m3] at the ratio `fuel_to_gas` and the evaporated share `kinetic`, any shape."""
         with np.errstate(divide="ignore"):
-            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
-        ratio, known = self._logarithms
-        (content,) = bilinear(self.kinetic, ratio, [known], kinetic, wanted)
+            log_ratio = np.log(np.asarray(fuel_to_gas, dtype=float))
+        ratio, log_content = self._logarithms
+        (content,) = bilinear(self.kinetic, ratio, [log_content], kinetic, log_ratio)
         return np.asarray(np.exp(content))
 
     def gas_at(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
         """Temperature [K] of the gas at the ratio `fuel_to_gas`, any shape."""
         with np.errstate(divide="ignore"):
-            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
-        (gas,) = bilinear(self.kinetic, self._logarithms[0], [self.gas_K], kinetic, wanted)
+            log_ratio = np.log(np.asarray(fuel_to_gas, dtype=float))
+        (gas,) = bilinear(self.kinetic, self._logarithms[0], [self.gas_K], kinetic, log_ratio)
         return gas
 
     @cached_property
@@ -123,12 +122,12 @@ class Mixture:
     @cached_property
     def _by_content(self) -> tuple[Floats, list[Floats]]:
         """Gas and liquid temperature and ln B over one axis of ln content."""
-        ratio, known = self._logarithms
+        ratio, log_content = self._logarithms
         # As fine as the first slice, whose steps are those of B.
-        axis = np.union1d(known[0], known[-1])
-        values = (self.gas_K, self.liquid_K, np.broadcast_to(ratio, known.shape))
+        axis = np.union1d(log_content[0], log_content[-1])
+        values = (self.gas_K, self.liquid_K, np.broadcast_to(ratio, log_content.shape))
         return axis, [
-            np.stack([np.interp(axis, x, y) for x, y in zip(known, value, strict=True)])
+            np.stack([np.interp(axis, x, y) for x, y in zip(log_content, value, strict=True)])
             for value in values
         ]
 
@@ -139,15 +138,15 @@ def bilinear(
     """Values of tables (rows, columns) between their entries, clamped at the ends."""
     i, v = _between(rows, np.asarray(row, dtype=float))
     j, w = _between(columns, np.asarray(column, dtype=float))
-    first = i * len(columns) + j
-    found = []
+    cell = i * len(columns) + j
+    results = []
     for table in tables:  # by differences, so that equal entries are met exactly
         flat = table.reshape(-1)  # with two indices numpy would take twice as long
         low, high = (
-            (below := flat[at]) + w * (flat[at + 1] - below) for at in (first, first + len(columns))
+            (below := flat[at]) + w * (flat[at + 1] - below) for at in (cell, cell + len(columns))
         )
-        found.append(np.asarray(low + v * (high - low)))
-    return found
+        results.append(np.asarray(low + v * (high - low)))
+    return results
 
 
 def _between(axis: Floats, x: Floats) -> tuple[Ints, Floats]:
@@ -215,25 +214,25 @@ def lagging_state(
     hottest = 2 * max(gas_K, fuel_K)
     gas = np.full(ratio.shape, gas_K)
 
-    def around(surface: Floats) -> Floats:
+    def balanced_K(surface: Floats) -> Floats:
         """Temperature of the gas, by Newton's method from the last one; both cp vary slowly."""
         nonlocal gas
-        left = supply - liquid * heptane_liquid_enthalpy_J_kg(surface)
+        supplied = supply - liquid * heptane_liquid_enthalpy_J_kg(surface)
         for _ in range(2):
-            found = vapour * heptane_vapour_enthalpy_J_kg(gas) + NITROGEN.enthalpy_J_kg(gas)
+            enthalpy = vapour * heptane_vapour_enthalpy_J_kg(gas) + NITROGEN.enthalpy_J_kg(gas)
             slope = vapour * heptane_vapour_cp_J_kg_K(gas) + NITROGEN.cp_J_kg_K(gas)
-            gas = np.clip(gas + (left - found) / slope, 0.3 * gas_K, hottest)
+            gas = np.clip(gas + (supplied - enthalpy) / slope, 0.3 * gas_K, hottest)
         return gas
 
     def excess(surface: Floats) -> Floats:
         y = vapour / (1 + vapour)
-        here = around(surface)
-        return -still(surface, kernels, gas_K=here, vapour_share=y, pressure_Pa=pressure_Pa).heat_W
+        hot = balanced_K(surface)
+        return -at_rest(surface, kernels, gas_K=hot, vapour_share=y, pressure_Pa=pressure_Pa).heat_W
 
     low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
     high = np.full(ratio.shape, min(max(gas_K, fuel_K), HEPTANE_CRITICAL_K))
     surface = rising_root(excess, low, high, halvings=30)
-    return around(surface), surface
+    return balanced_K(surface), surface
 
 
 def heptane_mixture(
@@ -307,10 +306,10 @@ def _saturation(**conditions: float) -> float:
     for _ in range(_ZOOMS):
         ratio = np.geomspace(low, high, 300)
         _, share = heptane_state(ratio, **conditions)
-        first = int(np.argmax(share < 1))
-        if share[first] == 1 or first == 0:
+        index = int(np.argmax(share < 1))
+        if share[index] == 1 or index == 0:
             return float("nan")  # all or none evaporates in every mixture
-        low, high = ratio[first - 1], ratio[first]
+        low, high = ratio[index - 1], ratio[index]
     return float(low)
 
 

@@ -30,46 +30,45 @@ _AT_ONCE = 1e5  # of these, processed in the cache
 class PlumeCells:
     """Cells of the lattice with fuel, and their parts.
 
-    cell: (C, 3) from the nozzle. first: (C,) the first part of each cell. mass_kg: (N,) fuel.
+    cell: (C, 3) from the nozzle. start: (C,) the first part of each cell. mass_kg: (N,) fuel.
     content_kg_m3: (N,) fuel in the share of the part that plumes fill. kinetic: (N,) share of the
     fuel that has had time to evaporate (the mean if several plumes fill the part).
     """
 
     cell: Ints
-    first: Ints
+    start: Ints
     mass_kg: Floats
     content_kg_m3: Floats
     kinetic: Floats
 
     def total(self, amount: Floats) -> Floats:
         """Sums (C,) over the parts of each cell of an amount (N,)."""
-        return np.asarray(np.add.reduceat(amount, self.first))
+        return np.asarray(np.add.reduceat(amount, self.start))
 
     def mean(self, value: Floats, weight: Floats) -> Floats:
         """Means (C,) of a value (N,) over the parts of each cell; 0 where the weight (N,) is."""
-        whole = self.total(weight)
-        return np.divide(
-            self.total(value * weight), whole, out=np.zeros_like(whole), where=whole > 0
-        )
+        sums = self.total(weight)
+        return np.divide(self.total(value * weight), sums, out=np.zeros_like(sums), where=sums > 0)
 
 
 @dataclass(frozen=True)
 class _Lattice:
-    """Lattice of cells. A cell within `near[k]` edges of the nozzle is halved more than k times."""
+    """Lattice of cells; those within `halved_within[k]` edges of the nozzle are halved k + 1 times
+    or more."""
 
     edge_m: float
-    near: tuple[float, ...]
+    halved_within: tuple[float, ...]
 
     @classmethod
     def of(cls, edge_m: float, plumes: Sequence[Plume]) -> _Lattice:
         radii = [ACROSS * edge_m / 2**halvings for halvings in range(DEEPEST)]
-        near = (max(plume.distance_m(radius) for plume in plumes) / edge_m for radius in radii)
-        return cls(edge_m, tuple(one for one in near if one > 0))
+        ratios = (max(plume.distance_m(radius) for plume in plumes) / edge_m for radius in radii)
+        return cls(edge_m, tuple(ratio for ratio in ratios if ratio > 0))
 
     def halvings(self, cell: Ints) -> Ints:
         """Number of times (N,) that cells (3, N) are halved."""
         r2 = np.sum((cell + 0.5) ** 2, axis=0)
-        return np.asarray(np.count_nonzero(r2 < np.square(self.near)[:, None], axis=0))
+        return np.asarray(np.count_nonzero(r2 < np.square(self.halved_within)[:, None], axis=0))
 
 
 _Run = tuple[Ints, Ints, Floats, Floats, Floats]
@@ -106,30 +105,30 @@ def plume_cells(spec: ConeSpray, device: Device, *, injected: float) -> PlumeCel
 
     mass = summed(masses)
     filled, kinetic = (
-        summed([one * run[which] for one, run in zip(masses, runs, strict=True)]) / mass
-        for which in (3, 4)
+        summed([amount * run[column] for amount, run in zip(masses, runs, strict=True)]) / mass
+        for column in (3, 4)
     )
     kept = np.delete(np.arange(len(mass)), thinnest(mass, NEGLIGIBLE * injected))
     mass = mass[kept] * (injected / mass[kept].sum())
     keys = keys[kept] // parts
-    first = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
-    cell = np.stack(np.unravel_index(keys[first], shape)) + low[:, None]
+    start = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
+    cell = np.stack(np.unravel_index(keys[start], shape)) + low[:, None]
     volume = lattice.edge_m**3 / 8.0 ** lattice.halvings(cell)
-    content = mass / (filled[kept] * np.repeat(volume, np.diff(np.append(first, len(mass)))))
-    return PlumeCells(cell.T, first, mass, content, np.minimum(kinetic[kept], 1.0))
+    content = mass / (filled[kept] * np.repeat(volume, np.diff(np.append(start, len(mass)))))
+    return PlumeCells(cell.T, start, mass, content, np.minimum(kinetic[kept], 1.0))
 
 
-def thinnest(amount: Floats, most: float) -> Ints:
-    """Numbers of the smallest of amounts (N,) whose sum is at most `most`."""
-    bound = min(float(amount.max()), most)  # no single larger amount
+def thinnest(amount: Floats, limit: float) -> Ints:
+    """Indices of the smallest of amounts (N,) whose sum is at most `limit`."""
+    bound = min(float(amount.max()), limit)  # no single larger amount
     fewer = amount[amount <= bound]
-    # Only the few amounts below a bound, whose sum exceeds `most`, are sorted.
-    while bound > 0 and (fewer := fewer[fewer <= bound / 2]).sum() > most:
+    # Only the few amounts below a bound, whose sum exceeds `limit`, are sorted.
+    while bound > 0 and (fewer := fewer[fewer <= bound / 2]).sum() > limit:
         bound /= 2
     among = np.flatnonzero(amount <= bound)
     # A stable sort chooses among equal cells independently of the processor.
     order = among[np.argsort(amount[among], kind="stable")]
-    return np.asarray(order[np.cumsum(amount[order]) <= most])
+    return np.asarray(order[np.cumsum(amount[order]) <= limit])
 
 
 def _filled(spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice) -> _Run:
@@ -141,11 +140,11 @@ def _filled(spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice
     """
     runs = [
         run
-        for halvings in range(len(lattice.near) + 1)
+        for halvings in range(len(lattice.halved_within) + 1)
         for run in _in_parts(spec, plume, source, lattice, halvings)
     ]
-    cell, *others = zip(*runs, strict=True)
-    part, amount, filled, kinetic = (np.concatenate(each) for each in others)
+    cell, *columns = zip(*runs, strict=True)
+    part, amount, filled, kinetic = (np.concatenate(column) for column in columns)
     return np.concatenate(cell, axis=1), part, amount, filled, kinetic
 
 
@@ -156,17 +155,17 @@ def _in_parts(
     h = lattice.edge_m / 2**halvings
     width_m = plume.width_m(h)
     # A cell whose middle is near the nozzle reaches beyond it by less than its edge.
-    within_m = (lattice.near[halvings - 1] + 1) * lattice.edge_m if halvings else np.inf
-    least, most = plume.box_m(h, within_m)
+    within_m = (lattice.halved_within[halvings - 1] + 1) * lattice.edge_m if halvings else np.inf
+    lower, upper = plume.box_m(h, within_m)
     most_m = float(np.max(width_m + np.linalg.norm(plume.aside_m, axis=1)))
-    low, high = np.floor(least / h).astype(np.int64), np.ceil(most / h).astype(np.int64)
+    low, high = np.floor(lower / h).astype(np.int64), np.ceil(upper / h).astype(np.int64)
     slabs = max(1, int(np.prod((high - low).astype(float)) / _AT_ONCE))
     for x in np.array_split(np.arange(low[0], high[0]), slabs):
         if not x.size:
             continue
         # Most cells are beside the plume: coordinates are combined only for those within.
         ranges = (x, np.arange(low[1], high[1]), np.arange(low[2], high[2]))
-        centre = [(one + 0.5) * h for one in np.ix_(*ranges)]
+        centre = [(index + 0.5) * h for index in np.ix_(*ranges)]
         s = sum(a * c for a, c in zip(plume.axis, centre, strict=True))
         r2 = sum(c * c for c in centre) - s * s
         end = plume.projected_m[-1]
@@ -175,21 +174,21 @@ def _in_parts(
         s, r2 = s.reshape(-1)[at], r2.reshape(-1)[at]
         s = np.interp(s, plume.projected_m, plume.along_m)
         width = np.interp(s, plume.along_m, width_m)
-        for one, aside in zip(centre, plume.aside_m.T, strict=True):
+        for coordinate, aside in zip(centre, plume.aside_m.T, strict=True):
             moved = np.interp(s, plume.along_m, aside)
-            r2 += moved * (moved - 2 * np.broadcast_to(one, box).reshape(-1)[at])
+            r2 += moved * (moved - 2 * np.broadcast_to(coordinate, box).reshape(-1)[at])
         xi2 = np.maximum(r2, 0.0) / width**2
-        place = [one[i] for one, i in zip(ranges, np.unravel_index(at, box), strict=True)]
-        cell = np.stack([one >> halvings for one in place])
-        near = (xi2 < 1) & (lattice.halvings(cell) == halvings)
-        s, xi2, width, cell = s[near], xi2[near], width[near], cell[:, near]
+        place = [indices[i] for indices, i in zip(ranges, np.unravel_index(at, box), strict=True)]
+        cell = np.stack([index >> halvings for index in place])
+        inside = (xi2 < 1) & (lattice.halvings(cell) == halvings)
+        s, xi2, width, cell = s[inside], xi2[inside], width[inside], cell[:, inside]
         ratio = plume.jet.axis_ratio(s) * profile(np.sqrt(xi2))
         filled = (np.interp(s, plume.along_m, plume.radius_m) / width) ** 2
         kinetic, part = bilinear(plume.along_m, XI2, plume.fuel, s, xi2)
         amount = source.mixture.content(ratio, kinetic) * filled * part * h**3
         x_, y_, z_ = (
-            one[near] - (whole << halvings) for one, whole in zip(place, cell, strict=True)
+            fine[inside] - (coarse << halvings) for fine, coarse in zip(place, cell, strict=True)
         )
         number = (((x_ << halvings) + y_) << halvings) + z_
-        some = amount > 0
-        yield cell[:, some], number[some], amount[some], filled[some], kinetic[some]
+        present = amount > 0
+        yield cell[:, present], number[present], amount[present], filled[present], kinetic[present]

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.scene.spray import Plume as Hole
 from cldit.spray.cone.attraction import displaced_m
-from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
+from cldit.spray.cone.fluid_properties import NITROGEN
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, without_lattice
@@ -56,7 +57,7 @@ class Plume:
         """Plume of a jet and its droplets on its path, up to a distance."""
         along = np.linspace(0.0, reach_m, 600)[1:]
         radius = _edge_m(jet, source, kinetics, along)
-        moved = np.stack([np.interp(along, path[0], one) for one in path[1].T], axis=1)
+        moved = np.stack([np.interp(along, path[0], component) for component in path[1].T], axis=1)
         fuel = _evaporated(spec, jet, kinetics, along)
         return cls(axis, jet, fuel, along, radius, moved)
 
@@ -81,11 +82,11 @@ class Plume:
 
     def box_m(self, edge_m: float, within_m: float = np.inf) -> tuple[Floats, Floats]:
         """Corners of the box around the plume `within_m` of the nozzle, in cells of this edge."""
-        last = max(1, np.searchsorted(self.along_m, within_m, side="right"))
-        across = self.width_m(edge_m)[:last, None] * np.sqrt(1 - self.axis**2)
-        middle = self.along_m[:last, None] * self.axis + self.moved_m[:last]
-        least, most = np.min(middle - across, axis=0), np.max(middle + across, axis=0)
-        return np.minimum(least, -across[0]), np.maximum(most, across[0])
+        end = max(1, np.searchsorted(self.along_m, within_m, side="right"))
+        across = self.width_m(edge_m)[:end, None] * np.sqrt(1 - self.axis**2)
+        middle = self.along_m[:end, None] * self.axis + self.moved_m[:end]
+        lower, upper = np.min(middle - across, axis=0), np.max(middle + across, axis=0)
+        return np.minimum(lower, -across[0]), np.maximum(upper, across[0])
 
     def distance_m(self, radius_m: float) -> float:
         """Distance from the nozzle up to which the plume is narrower than a radius."""
@@ -107,8 +108,8 @@ def plumes_of(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
     """
     plumes = _plumes(without_lattice(spec), device)
     for plume in plumes:
-        least, most = plume.box_m(spec.lattice_m)
-        finest = float(np.prod(most - least) * len(plumes) / MOST_CELLS) ** (1 / 3)
+        lower, upper = plume.box_m(spec.lattice_m)
+        finest = float(np.prod(upper - lower) * len(plumes) / MOST_CELLS) ** (1 / 3)
         if not finest <= spec.lattice_m <= plume.reach_m / 2:
             raise SprayError(
                 f"spray.spacing_m: {spec.lattice_m:g} does not suit a plume of "
@@ -140,7 +141,7 @@ def _plumes(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
     reaches = [jet.tip_m(oldest_s) for jet in jets]
     axes = [_axis(plume) for plume in spec.plumes]
     kinetics: dict[Jet, Kinetics | None] = {}  # equal plumes share one
-    made = []
+    plumes = []
     paths = displaced_m(axes, jets, reaches)
     for axis, jet, path, reach_m in zip(axes, jets, paths, reaches, strict=True):
         if jet not in kinetics:
@@ -148,8 +149,8 @@ def _plumes(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
         if (droplets := kinetics[jet]) is not None:
             ahead = droplets.distance_m[droplets.age_s <= oldest_s][-1]
             reach_m = max(reach_m, float(ahead.max()))
-        made.append(Plume.of(spec, axis, jet, kinetics[jet], source, path=path, reach_m=reach_m))
-    return tuple(made)
+        plumes.append(Plume.of(spec, axis, jet, kinetics[jet], source, path=path, reach_m=reach_m))
+    return tuple(plumes)
 
 
 def _axis(hole: Hole) -> Floats:
@@ -161,8 +162,8 @@ def _axis(hole: Hole) -> Floats:
 def _kinetics(spec: ConeSpray, jet: Jet, source: NozzleFlow, *, oldest_s: float) -> Kinetics | None:
     if source.kernels is None:
         return None
-    last = oldest_s / float(lag(np.ones(())))
-    return plume_kinetics(spec, jet, source.mixture, source.kernels, oldest_s=last)
+    longest_s = oldest_s / float(lag(np.ones(())))
+    return plume_kinetics(spec, jet, source.mixture, source.kernels, oldest_s=longest_s)
 
 
 def _evaporated(
@@ -173,23 +174,23 @@ def _evaporated(
     Vapour moves with the gas. Droplets are ahead of it and faster, and none is younger than the end
     of injection.
     """
-    here, late = along_m[:, None], lag(XI2)
+    distance, late = along_m[:, None], lag(XI2)
     trailing = SOFTNESS if droplets is None else TRAILING
-    vapour = _present(spec, jet.travel_s(here), XI2, trailing)
+    vapour = _present(spec, jet.travel_s(distance), XI2, trailing)
     if droplets is None:
         return [np.ones(vapour.shape), vapour]
-    left, liquid = np.zeros(vapour.shape), np.zeros(vapour.shape)
+    liquid_share, liquid = np.zeros(vapour.shape), np.zeros(vapour.shape)
     youngest_s = spec.time_s - spec.injection_duration_s
-    for size in range(droplets.left.shape[1]):
-        age = np.interp(here, droplets.distance_m[:, size], droplets.age_s)
+    for size in range(droplets.liquid.shape[1]):
+        age = np.interp(distance, droplets.distance_m[:, size], droplets.age_s)
         speed = np.interp(age, droplets.age_s, droplets.speed_m_s[:, size])
-        one = np.interp(
-            np.clip(age / late, youngest_s, spec.time_s), droplets.age_s, droplets.left[:, size]
+        share = np.interp(
+            np.clip(age / late, youngest_s, spec.time_s), droplets.age_s, droplets.liquid[:, size]
         )
-        left += one / droplets.left.shape[1]
-        slower = np.minimum(jet.mean_speed_m_s(here) / speed, 1.0)
-        liquid += one * slower * _present(spec, age, XI2, SOFTNESS) / droplets.left.shape[1]
-    gone = (1 - left) * vapour
+        liquid_share += share / droplets.liquid.shape[1]
+        slower = np.minimum(jet.mean_speed_m_s(distance) / speed, 1.0)
+        liquid += share * slower * _present(spec, age, XI2, SOFTNESS) / droplets.liquid.shape[1]
+    gone = (1 - liquid_share) * vapour
     fuel = gone + liquid
     return [np.divide(gone, fuel, out=np.ones_like(fuel), where=fuel > 0), fuel]
 
@@ -218,13 +219,13 @@ def _present(spec: ConeSpray, travel_s: Floats, xi2: Floats, trailing: float) ->
     Both steps are symmetric in the travel time and the mean lag of the edge is 0, so that the mass
     between tip and tail is the injected mass.
     """
-    first = spec.time_s * (1 - ROUNDING * (xi2 - MEAN_SQUARE))
-    last = first - min(spec.injection_duration_s, spec.time_s) * (first / spec.time_s)
-    present = _smooth_step((first - travel_s) / (SOFTNESS * spec.time_s))
+    tip_s = spec.time_s * (1 - ROUNDING * (xi2 - MEAN_SQUARE))
+    tail_s = tip_s - min(spec.injection_duration_s, spec.time_s) * (tip_s / spec.time_s)
+    present = _smooth_step((tip_s - travel_s) / (SOFTNESS * spec.time_s))
     if spec.time_s <= spec.injection_duration_s:
         return present
     width = trailing * (spec.time_s - spec.injection_duration_s)
-    return present * _smooth_step((travel_s - last) / width)
+    return present * _smooth_step((travel_s - tail_s) / width)
 
 
 def _smooth_step(x: Floats) -> Floats:

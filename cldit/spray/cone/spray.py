@@ -21,13 +21,11 @@ from __future__ import annotations
 import numpy as np
 
 from cldit.arrays import Floats, Ints
+from cldit.constants import AVOGADRO_PER_MOL, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
-from cldit.spray.cone.fluid_properties import (
-    HEPTANE_MOLAR_MASS_kg_mol,
-    heptane_density_kg_m3,
-)
+from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
@@ -37,7 +35,6 @@ from cldit.spray.result import Cells, Parcels, Spray, Vapour
 THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
 SMALLEST_m = 1e-7  # smaller droplets count as evaporated
 _WIEN_K = 4232.0  # h c / (k lambda) at 3.4 um, of the radiance whose mean a cell's vapour has
-_AVOGADRO = 6.02214076e23
 
 
 def make_cone(spec: ConeSpray, device: Device) -> Spray:
@@ -106,11 +103,11 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
 
 def _without_effect(spec: ConeSpray) -> tuple[str, ...]:
     """Remarks on keys without effect, which scenes of older versions may have."""
-    given = [name for name in ("parcels_per_cell", "seed") if getattr(spec, name) is not None]
+    keys = [name for name in ("parcels_per_cell", "seed") if getattr(spec, name) is not None]
     return tuple(
         f"spray.{name} has no effect: the droplets of a cell fill it uniformly, in "
         "spray.size_classes classes of size"
-        for name in given
+        for name in keys
     )
 
 
@@ -142,8 +139,8 @@ def _parcels(
     droplets *= np.pi / 6
     np.divide((liquid[wet] / density / count)[:, None], droplets, out=droplets)
     seen = diameter >= SMALLEST_m
-    every = bool(seen.all())
-    if not every:
+    complete = bool(seen.all())
+    if not complete:
         liquid[wet] *= np.mean(seen, axis=1)
     if not seen.any():
         return None, liquid
@@ -151,7 +148,7 @@ def _parcels(
     def for_each(values: Floats) -> Floats:
         """Values of the parcels (N,), from those of cells (W, 1) or of their classes (W, count)."""
         wide = np.broadcast_to(values, seen.shape)
-        return wide.reshape(-1) if every else wide[seen]
+        return wide.reshape(-1) if complete else wide[seen]
 
     place = np.empty((3, np.count_nonzero(seen)))  # rows of three would be slow
     for row, along in zip(place, cells.cell.T, strict=True):
@@ -176,7 +173,7 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
     lower, upper = (np.asarray(at * spec.lattice_m, dtype=float) for at in (index, index + 1))
     return Vapour(
         cells=Cells(lower_m=lower, upper_m=upper),
-        number_density_m3=mass[held] / spec.lattice_m**3 * (_AVOGADRO / molar),
+        number_density_m3=mass[held] / spec.lattice_m**3 * (AVOGADRO_PER_MOL / molar),
         temperature_K=temperature[held],
         molar_mass_kg_mol=molar,
     )
@@ -186,7 +183,7 @@ def _mass_depth_m(index: Ints, liquid: Floats, share: float, *, spacing_m: float
     """Depth below the nozzle of a `share` of the liquid, which fills its cells uniformly."""
     wet = liquid > 0
     layer = -1 - index[wet, 2]
-    first = int(layer.min())
-    below = np.append(0.0, np.cumsum(np.bincount(layer - first, liquid[wet])))
-    depth = np.interp(share * below[-1], below, np.arange(len(below)) + first)
+    top = int(layer.min())
+    below = np.append(0.0, np.cumsum(np.bincount(layer - top, liquid[wet])))
+    depth = np.interp(share * below[-1], below, np.arange(len(below)) + top)
     return float(depth * spacing_m)

@@ -14,7 +14,6 @@ from cldit.errors import SprayError
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, HIGHEST_Pa
 
-_AXES = 3
 _ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
 
 
@@ -81,17 +80,17 @@ def advance(
     """
     fuel = kernels.fuel
     check_states(droplets, surroundings, duration_s, fuel)
-    around = surroundings
+    gas = surroundings
     axes = droplets.velocity_m_s.shape[1]
-    rest = [np.zeros(len(droplets.mass_kg))] * (_AXES - axes)
-    out, after = kernels.run(
+    rest = [np.zeros(len(droplets.mass_kg))] * (3 - axes)  # kernels have three axes
+    out, final = kernels.run(
         "advance_droplets",
         {
             "gas": [
-                around.temperature_K,
-                around.pressure_Pa,
-                around.vapour,
-                *around.velocity_m_s.T,
+                gas.temperature_K,
+                gas.pressure_Pa,
+                gas.vapour,
+                *gas.velocity_m_s.T,
                 *rest,
             ],
             "droplets": [
@@ -106,14 +105,14 @@ def advance(
         tolerance=min(float(tolerance), _ONE_STEP),
         drag=int(drag),
     )
-    mass, temperature, *velocity = after["droplets"]
+    mass, temperature, *velocity = final["droplets"]
     *path, elapsed, rounds = out
     if np.any(rounds < 0):
         stuck = int(np.argmax(rounds < 0))
-        raise SprayError(stuck_text(fuel, mass, temperature, around, stuck))
+        raise SprayError(stuck_text(fuel, mass, temperature, gas, stuck))
     speed = np.stack(velocity[:axes], axis=1)
-    heat = fuel.liquid.one("enthalpy", temperature)
-    heat0 = fuel.liquid.one("enthalpy", droplets.temperature_K)
+    heat = fuel.liquid.value("enthalpy", temperature)
+    heat0 = fuel.liquid.value("enthalpy", droplets.temperature_K)
     return Advance(
         droplets=DropletStates(mass, temperature, speed),
         gone_s=np.where(mass > 0, np.inf, elapsed),
@@ -140,10 +139,11 @@ def follow_droplets(
         surroundings: (A, N) gas around each in each step, and its velocity along that axis.
         durations_s: (A,) of the steps.
     """
-    around, (steps, count) = surroundings, surroundings.temperature_K.shape
-    check_states(droplets, around, float(durations_s.max()), kernels.fuel)
+    steps, count = surroundings.temperature_K.shape
+    check_states(droplets, surroundings, float(durations_s.max()), kernels.fuel)
     rest, duration = np.zeros((steps, count)), np.repeat(durations_s[:, None], count, axis=1)
-    gas = (around.temperature_K, around.pressure_Pa, around.vapour, around.velocity_m_s)
+    at = surroundings
+    gas = (at.temperature_K, at.pressure_Pa, at.vapour, at.velocity_m_s)
     rows = np.stack([*gas, rest, rest, duration], axis=1)
     start = [droplets.mass_kg, droplets.temperature_K, droplets.velocity_m_s[:, 0]]
     columns = {"gas": [*rows.reshape(-1, count)], "initial": [*start, rest[0], rest[0]]}
@@ -151,22 +151,22 @@ def follow_droplets(
     mass, temperature, velocity, rounds = out.reshape(steps, 4, count).swapaxes(0, 1)
     if np.any(rounds < 0):
         step, stuck = np.argwhere(rounds < 0)[0]
-        then = DropletSurroundings(*(one[step] for one in gas))
-        raise SprayError(stuck_text(kernels.fuel, mass[step], temperature[step], then, stuck))
+        stuck_gas = DropletSurroundings(*(values[step] for values in gas))
+        raise SprayError(stuck_text(kernels.fuel, mass[step], temperature[step], stuck_gas, stuck))
     return mass, velocity
 
 
 def check_states(
-    droplets: DropletStates, around: DropletSurroundings, duration_s: float, fuel: Fuel
+    droplets: DropletStates, surroundings: DropletSurroundings, duration_s: float, fuel: Fuel
 ) -> None:
     """Raises SprayError for impossible droplets, surroundings or durations."""
     mass, temperature = droplets.mass_kg, droplets.temperature_K
     checks = (
         ("mass_kg of a droplet", mass, 0.0, 1e-3),
         ("temperature_K of a droplet", temperature, fuel.liquid.low_K, fuel.liquid.high_K),
-        ("temperature_K of the gas", around.temperature_K, 80.0, fuel.vapour.high_K),
-        ("pressure_Pa of the gas", around.pressure_Pa, 1e3, HIGHEST_Pa),
-        ("vapour, mass fraction in the gas,", around.vapour, 0.0, 1.0),
+        ("temperature_K of the gas", surroundings.temperature_K, 80.0, fuel.vapour.high_K),
+        ("pressure_Pa of the gas", surroundings.pressure_Pa, 1e3, HIGHEST_Pa),
+        ("vapour, mass fraction in the gas,", surroundings.vapour, 0.0, 1.0),
         ("duration_s", np.asarray([duration_s]), 0.0, 1e9),
     )
     for name, values, low, high in checks:
@@ -177,17 +177,17 @@ def check_states(
                 f"{fuel.name}: {name} is {value:g} ({bad.sum()} such values); allowed: {low:g} "
                 f"to {high:g}"
             )
-    for name, speeds in (("droplet", droplets.velocity_m_s), ("gas", around.velocity_m_s)):
+    for name, speeds in (("droplet", droplets.velocity_m_s), ("gas", surroundings.velocity_m_s)):
         if not np.all(np.abs(speeds) < 1e4):
             raise SprayError(f"velocity_m_s of the {name} is not finite, or above 10 km/s")
 
 
 def stuck_text(
-    fuel: Fuel, mass: Floats, temperature: Floats, around: DropletSurroundings, at: int
+    fuel: Fuel, mass: Floats, temperature: Floats, surroundings: DropletSurroundings, at: int
 ) -> str:
     """Message on droplet number `at`, whose steps have no end."""
     return (
         f"droplet {at} of {fuel.name} cannot be integrated: mass {mass[at]:g} kg, "
-        f"{temperature[at]:g} K, in gas of {around.temperature_K[at]:g} K, "
-        f"{around.pressure_Pa[at]:g} Pa, vapour {around.vapour[at]:g}"
+        f"{temperature[at]:g} K, in gas of {surroundings.temperature_K[at]:g} K, "
+        f"{surroundings.pressure_Pa[at]:g} Pa, vapour {surroundings.vapour[at]:g}"
     )

@@ -49,7 +49,7 @@ class DropletKernels:
             raise DeviceError(f"droplets need float64, which {device.info.name} does not have")
         width = 8 if device.is_cpu else 1
         defines = {**model.defines, "SIMD_WIDTH": width, **({"USE_FLOAT64": 1} if double else {})}
-        program = build(device, "spray/droplets.cl", defines, before=model.source)
+        program = build(device, "spray/droplets.cl", defines, preamble=model.source)
         table = property_table(fuel, gas).astype(real)
         return cls(fuel, gas, model, program, width, real, upload(device, "fuel", table))
 
@@ -79,11 +79,11 @@ class DropletKernels:
             return np.empty((results, 0)), {n: np.empty((len(c), 0)) for n, c in columns.items()}
         # The last work-item is filled with copies of the last droplet.
         padded = {
-            name: np.pad(np.stack(each), ((0, 0), (0, count - droplets)), mode="edge")
-            for name, each in columns.items()
+            name: np.pad(np.stack(rows), ((0, 0), (0, count - droplets)), mode="edge")
+            for name, rows in columns.items()
         }
         buffers = {
-            name: upload(device, name, each.astype(self.real)) for name, each in padded.items()
+            name: upload(device, name, rows.astype(self.real)) for name, rows in padded.items()
         }
         buffers["out"] = unset(device, "out", results * count, self.real)
         self.program.launch(

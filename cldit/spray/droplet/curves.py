@@ -37,14 +37,14 @@ class Curves:
         rise = np.minimum(np.maximum(t, self.low_K), self.high_K) - self.low_K
         cell = np.minimum((rise * (1 / step)).astype(np.intp), count - 1)
         part = rise - cell * step
-        found = []
+        results = []
         for name in names:
             cubic, square, slope, value = self.coefficients[name]
-            found.append(((cubic[cell] * part + square[cell]) * part + slope[cell]) * part)
-            found[-1] += value[cell]
-        return tuple(found)
+            results.append(((cubic[cell] * part + square[cell]) * part + slope[cell]) * part)
+            results[-1] += value[cell]
+        return tuple(results)
 
-    def one(self, name: str, temperature_K: ArrayLike) -> Floats:
+    def value(self, name: str, temperature_K: ArrayLike) -> Floats:
         """Value of the property `name`, of the shape of `temperature_K`."""
         return self.at(temperature_K, name)[0]
 

@@ -18,7 +18,7 @@ LARGEST_LN_ERROR = 1e-3  # of the logarithm of the saturation pressure
 
 _LIQUID = ("ln_psat", "density", "cp", "latent", "conductivity", "enthalpy")
 _GAS = ("cp", "conductivity", "viscosity")
-_POINTS = 400
+_POINTS = 400  # 33 times the terms or more, so that no oscillation of the error is missed
 
 
 def liquid_fits(fuel: str, curves: Curves, *, critical_K: float) -> tuple[Floats, Floats]:

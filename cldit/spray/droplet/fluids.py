@@ -12,16 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
 from cldit.spray.droplet.curves import Curves, curves
 from cldit.spray.droplet.fits import gas_fits, liquid_fits
-from cldit.spray.droplet.substances import (
-    Columns,
-    GAS_CONSTANT_J_mol_K,
-    fuel_columns,
-    gas_columns,
-)
+from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
 
 _FORM = "fluid table 3"
 # Of the gas, which may be above the critical pressure of a droplet that is below its critical
@@ -63,28 +59,28 @@ class Fuel(Gas):
 
     def saturation_Pa(self, temperature_K: ArrayLike) -> Floats:
         """Saturation pressure, any shape."""
-        return np.asarray(np.exp(self.liquid.one("ln_psat", temperature_K)))
+        return np.asarray(np.exp(self.liquid.value("ln_psat", temperature_K)))
 
     def boiling_K(self, pressure_Pa: ArrayLike) -> Floats:
         """Boiling temperature, any shape, by bisection within the table."""
-        wanted = np.log(np.asarray(pressure_Pa, dtype=float))
-        low = np.full(wanted.shape, self.liquid.low_K)
-        high = np.full(wanted.shape, self.liquid.high_K)
+        ln_pressure = np.log(np.asarray(pressure_Pa, dtype=float))
+        low = np.full(ln_pressure.shape, self.liquid.low_K)
+        high = np.full(ln_pressure.shape, self.liquid.high_K)
         for _ in range(48):  # 500 K down to rounding
             middle = 0.5 * (low + high)
-            above = self.liquid.one("ln_psat", middle) > wanted
+            above = self.liquid.value("ln_psat", middle) > ln_pressure
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         return np.asarray(0.5 * (low + high))
 
     def diameter_m(self, mass_kg: ArrayLike, temperature_K: ArrayLike) -> Floats:
         """Diameter of a droplet of a given mass and temperature, any shape."""
-        volume = np.asarray(mass_kg) / self.liquid.one("density", temperature_K)
+        volume = np.asarray(mass_kg) / self.liquid.value("density", temperature_K)
         return np.asarray(np.cbrt(6 / np.pi * volume))
 
     def mass_kg(self, diameter_m: ArrayLike, temperature_K: ArrayLike) -> Floats:
         """Mass of a droplet of a given diameter and temperature, any shape."""
         d = np.asarray(diameter_m, dtype=float)
-        return np.asarray(np.pi / 6 * d**3 * self.liquid.one("density", temperature_K))
+        return np.asarray(np.pi / 6 * d**3 * self.liquid.value("density", temperature_K))
 
 
 def diffusivity_m2_s(
@@ -116,7 +112,7 @@ def property_table(fuel: Fuel, gas: Gas) -> Floats:
         1 / fuel.critical_K,
     ]
     fits = (fuel.liquid_fits, fuel.vapour_fits, gas.vapour_fits)
-    return np.concatenate([constants, *(ends for ends, _ in fits), *(each for _, each in fits)])
+    return np.concatenate([constants, *(ends for ends, _ in fits), *(rows for _, rows in fits)])
 
 
 def fuel_table(name: str, *, cache: Path | None) -> Fuel:
@@ -173,9 +169,9 @@ def check_gas(fuel: Fuel, *, gas_K: float, pressure_Pa: float, names: tuple[str,
         )
 
 
-def _cached(text: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
-    text = f"{_FORM} {version('CoolProp')} {text}"
-    return _columns(cached(cache, kind="fluid", text=text, make=lambda: _arrays(build())))
+def _cached(key: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
+    key = f"{_FORM} {version('CoolProp')} {key}"
+    return _columns(cached(cache, kind="fluid", description=key, make=lambda: _arrays(build())))
 
 
 def _arrays(columns: Columns) -> Arrays:
@@ -190,9 +186,9 @@ def _arrays(columns: Columns) -> Arrays:
 def _columns(arrays: Arrays) -> Columns:
     """Inverse of `_arrays`."""
 
-    def part(wanted: str) -> Arrays:
+    def part(section: str) -> Arrays:
         parts = ((key.partition("."), value) for key, value in arrays.items())
-        return {name: value for (first, _, name), value in parts if first == wanted}
+        return {name: value for (prefix, _, name), value in parts if prefix == section}
 
     constants = {name: float(value) for name, value in part("constants").items()}
     grids = arrays["liquid_K."], arrays["vapour_K."]

@@ -101,7 +101,7 @@ def follow(
         np.array([temperature_K]),
         np.array([[velocity_m_s]]),
     )
-    around = DropletSurroundings(
+    surroundings = DropletSurroundings(
         np.array([gas_temperature_K]),
         np.array([pressure_Pa]),
         np.array([vapour]),
@@ -109,32 +109,12 @@ def follow(
     )
 
     kernels = DropletKernels.of(device, liquid, carrier, MODELS[model])
-
-    def after(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
-        found = advance(
-            state,
-            around,
-            seconds,
-            kernels,
-            tolerance=tolerance,
-            drag=not held,
-        )
-        return found.droplets, float(found.gone_s[0])
-
-    end = duration_s
-    life = after(start, LONGEST_S if end is None else end)[1]
-    if end is None and np.isinf(life):
-        raise SprayError(
-            f"a droplet of {liquid.name} does not vanish in gas of {around.temperature_K[0]:g} K "
-            f"with {around.vapour[0]:g} vapour within {LONGEST_S:g} s; give a duration"
-        )
-    end = min(life, np.inf if end is None else end)
-    times = np.linspace(0.0, end, points)
-    states = [start]
-    for step in np.diff(times):
-        states.append(after(states[-1], float(step))[0])
+    times, states, vanishes = _history(
+        start, surroundings, kernels, held=held, duration_s=duration_s, points=points,
+        tolerance=tolerance,
+    )  # fmt: skip
     mass = np.array([state.mass_kg[0] for state in states])
-    if life <= end:
+    if vanishes:
         mass[-1] = 0.0  # by definition of the last time, which steps reach within the tolerance
     warm = np.array([state.temperature_K[0] for state in states])
     return Life(
@@ -144,6 +124,37 @@ def follow(
         velocity_m_s=np.array([state.velocity_m_s[0, 0] for state in states]),
         mass_kg=mass,
     )
+
+
+def _history(
+    start: DropletStates,
+    surroundings: DropletSurroundings,
+    kernels: DropletKernels,
+    *,
+    held: bool,
+    duration_s: float | None,
+    points: int,
+    tolerance: float,
+) -> tuple[Floats, list[DropletStates], bool]:
+    """Equidistant times, the state at each, and True if the droplet vanishes at the last one."""
+
+    def advanced(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
+        result = advance(state, surroundings, seconds, kernels, tolerance=tolerance, drag=not held)
+        return result.droplets, float(result.gone_s[0])
+
+    life = advanced(start, LONGEST_S if duration_s is None else duration_s)[1]
+    if duration_s is None and np.isinf(life):
+        raise SprayError(
+            f"a droplet of {kernels.fuel.name} does not vanish in gas of "
+            f"{surroundings.temperature_K[0]:g} K with {surroundings.vapour[0]:g} vapour within "
+            f"{LONGEST_S:g} s; give a duration"
+        )
+    end = life if duration_s is None else min(life, duration_s)
+    times = np.linspace(0.0, end, points)
+    states = [start]
+    for step in np.diff(times):
+        states.append(advanced(states[-1], float(step))[0])
+    return times, states, life <= end
 
 
 def _check(*, diameter_m: float, velocity_m_s: float, vapour: float, model: str) -> None:

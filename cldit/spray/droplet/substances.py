@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.spray.droplet.curves import integral
 
-GAS_CONSTANT_J_mol_K = 8.31446261815324
 GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
 
-_LIQUID_POINTS = 801
-_VAPOUR_POINTS = 1201
+_LIQUID_POINTS = 801  # cubic between them; 0.4 K apart for n-heptane, 183 to 529 K
+_VAPOUR_POINTS = 1201  # 0.9 K apart from 183 to 1200 K
 _COLDEST_K = {"helium": 101.0}  # CoolProp's viscosity jumps by 1 % at 100 K; other gases: 80 K
 _HOTTEST_K = 1200.0  # beyond, the transport fits of heavy fuels decrease
 _BELOW_CRITICAL = 0.98  # of the critical temperature: cp diverges and latent heat vanishes there
@@ -31,7 +31,7 @@ _ATOMS = {"C": 15.9, "H": 2.31, "O": 6.11}
 _AROMATIC_RING = -18.3
 _WHOLE = {"Water": 13.1}  # of the whole molecule
 _RINGS = ("benzene", "toluene", "ethylbenzene", "m-xylene", "o-xylene", "p-xylene")
-_GAS_VOLUMES = (18.5, 19.7, 16.3, 16.2, 26.9, 2.67)
+_GAS_VOLUMES = (18.5, 19.7, 16.3, 16.2, 26.9, 2.67)  # of `GASES`
 
 
 @dataclass(frozen=True)
@@ -82,18 +82,18 @@ def fuel_columns(name: str) -> Columns:
 
 def gas_columns(name: str) -> Columns:
     """Columns of a carrier gas; raises SprayError if it is not one of `GASES`."""
-    known = name.casefold().replace("-", " ")
-    if known not in GASES:
+    key = name.casefold().replace("-", " ")
+    if key not in GASES:
         raise SprayError(f"gas {name!r}; allowed: {', '.join(GASES)}")
-    state = _state(known.title().replace(" ", ""))
+    state = _state(key.title().replace(" ", ""))
     constants = {
         "molar_mass_kg_mol": state.molar_mass(),
-        "diffusion_volume": _GAS_VOLUMES[GASES.index(known)],
+        "diffusion_volume": _GAS_VOLUMES[GASES.index(key)],
         "critical_K": state.T_critical(),
         "critical_Pa": state.p_critical(),
     }
     vapour_K, vapour = _dilute(
-        state, max(_COLDEST_K.get(known, 80.0), float(np.ceil(state.Ttriple())))
+        state, max(_COLDEST_K.get(key, 80.0), float(np.ceil(state.Ttriple())))
     )
     vapour["enthalpy"] = integral(vapour_K, vapour["cp"])
     return Columns(constants, np.empty(0), {}, vapour_K, vapour)
@@ -111,16 +111,16 @@ def _state(fluid: str) -> Any:
 def _coolprop_name(name: str) -> str:
     import CoolProp.CoolProp as coolprop
 
-    wanted = name.casefold()
-    known = {"iso-octane": ""}  # only for the hint
+    key = name.casefold()
+    fluids = {"iso-octane": ""}  # only for the hint
     for fluid in coolprop.get_global_param_string("FluidsList").split(","):
         aliases = coolprop.get_fluid_param_string(fluid, "aliases").split(",")
-        known |= {alias.strip().casefold(): fluid for alias in [fluid, *aliases] if alias}
-    if wanted not in known:
-        close = difflib.get_close_matches(wanted, known, n=4)
+        fluids |= {alias.strip().casefold(): fluid for alias in [fluid, *aliases] if alias}
+    if key not in fluids:
+        close = difflib.get_close_matches(key, fluids, n=4)
         hint = f"did you mean {' or '.join(close)}?" if close else "see the fluids of CoolProp"
         raise SprayError(f"fuel {name!r}: neither iso-octane nor a fluid of CoolProp; {hint}")
-    return known[wanted]
+    return fluids[key]
 
 
 def _saturated(state: Any, temperature_K: float) -> tuple[float, ...]:
@@ -159,7 +159,7 @@ def _finished(
 ) -> Columns:
     """Adds the enthalpies, with one zero."""
     heat = integral(liquid_K, liquid["cp"])
-    boiling = float(np.interp(np.log(101325.0), liquid["ln_psat"], liquid_K))
+    boiling = float(np.interp(np.log(STANDARD_ATMOSPHERE_Pa), liquid["ln_psat"], liquid_K))
     liquid["enthalpy"] = heat - np.interp(boiling, liquid_K, heat)
     rise = integral(vapour_K, vapour["cp"])
     start = np.interp(boiling, liquid_K, liquid["latent"])

@@ -52,7 +52,7 @@ class UnstableGas(SprayError):
 class GasFlow:
     """State of the gas on a device, which `step` advances.
 
-    known: arguments of kernels by name. Among them is the state, which `read` copies: density, fuel
+    arguments: those of kernels by name. Among them is the state, which `read` copies: density, fuel
     (vapour) kg/m3, enthalpy J/m3 on the zero of the mixture, temperature K; velocity (3 planes) in
     the grid's frame; eddy, the turbulent viscosity in m2/s; and amounts (5 planes), the sources of
     a step per volume: mass, enthalpy, momentum.
@@ -82,7 +82,7 @@ class GasFlow:
         self.fuel, self.amounts = fields.plane("fuel"), fields.plane("amounts", 5)
         self._solve, self.mixing = Projection(fields), Mixing(fields)
         self.sums = fields.table("sums", np.array([pressure_Pa, pressure_Pa, 0.0, 0.0]))
-        self.known = self._tables(mixing_length) | {
+        self.arguments = self._tables(mixing_length) | {
             "density": fields.plane("density", value=density),
             "enthalpy": fields.plane("enthalpy", value=density * start),
             "temperature": fields.plane("temperature", value=temperature_K),
@@ -104,7 +104,7 @@ class GasFlow:
         planes |= {"eddy": 1, "diffusion": 2, "fluxes": 9, "values": 2}
         planes |= dict.fromkeys(("exchange", "mass", "carried", "after", "kept", "amiss"), 1)
         planes |= dict.fromkeys(("rise", "potential", "own"), 1)
-        self.known |= {name: fields.plane(name, count) for name, count in planes.items()}
+        self.arguments |= {name: fields.plane(name, count) for name, count in planes.items()}
         self._source_pressure = self._bind("sources", "source_pressure")
         self._steps = self._launches()
 
@@ -115,7 +115,7 @@ class GasFlow:
         shell = np.diff(radius**3) / 3
         ratio = np.concatenate([[1.0], shell[1:] / shell[:-1]])
         place = np.arange(radii)
-        around, downward, outward = grid.areas
+        azimuthal, downward, outward = grid.areas
         gases: list[Any] = [
             [gas.reference_K, gas.carrier_J_kg_K, gas.vapour_J_kg_K],
             gas.carrier,
@@ -123,7 +123,7 @@ class GasFlow:
         ]
         tables = {
             "angle": grid.angle,
-            "around": around,
+            "around": azimuthal,
             "downward": downward,
             "outward": outward,
             "conductance_around": grid.conductance[0],
@@ -148,49 +148,51 @@ class GasFlow:
             | {name: fields.row(name, row, padded=1.0) for name, row in ones.items()}
         )
 
-    def _bind(self, name: str, kernel: str, **others: Any) -> Launch:
-        return self.fields.bind(f"spray/gas_{name}.cl", kernel, self.known, **others)
+    def _bind(self, name: str, kernel: str, **arguments: Any) -> Launch:
+        return self.fields.bind(f"spray/gas_{name}.cl", kernel, self.arguments, **arguments)
 
     def _launches(self) -> list[Launch]:
         """Kernels of a step in order."""
-        known, whole = self.known, float(self.grid.volume_m3.sum())
-        potential = known["potential"]
+        arguments, volume_m3 = self.arguments, float(self.grid.volume_m3.sum())
+        potential = arguments["potential"]
         return [
             self._bind("sources", "receive"),
             self._bind("eddies", "eddies"),
-            *self._transport(known["velocity"], 3, after=known["carried"], mixing=1.0, bounded=0),
-            self._bind("projection", "mass_fluxes", mass=known["carried"]),
+            *self._transport(
+                arguments["velocity"], 3, updated=arguments["carried"], mixing=1.0, bounded=0
+            ),
+            self._bind("projection", "mass_fluxes", mass=arguments["carried"]),
             self._bind("projection", "imbalance"),
             self._add_up(potential, 2, 1.0),
-            self._bind("projection", "balance", whole=whole),
+            self._bind("projection", "balance", whole=volume_m3),
             *self._solve.launches(potential),
             self._bind("projection", "correct"),
             self._bind("state", "per_mass"),
             *self._transport(
-                known["values"],
+                arguments["values"],
                 2,
-                after=known["after"],
+                updated=arguments["after"],
                 mixing=1 / TURBULENT_SCHMIDT,
                 bounded=1,
             ),
             self._bind("state", "finish"),
-            self._add_up(known["own"], 0, 1.0 / whole),
+            self._add_up(arguments["own"], 0, 1.0 / volume_m3),
             self._bind("state", "compress"),
         ]
 
     def _transport(
-        self, values: Any, kinds: int, *, after: Any, mixing: float, bounded: int
+        self, values: Any, kinds: int, *, updated: Any, mixing: float, bounded: int
     ) -> list[Launch]:
         """Kernels that carry fields per mass in a step; `after` becomes the mass of the cells."""
-        known, rest = self.known, self.known["rest"]
-        exchange = (known["exchange"], known["exchange"])
+        arguments, rest = self.arguments, self.arguments["rest"]
+        exchange = (arguments["exchange"], arguments["exchange"])
 
-        given = {"values": values, "after": after, "bounded": bounded, "mixing": mixing}
-        given |= {"limit": MOST_EXPLICIT, "limit_along": ALONG_EXPLICIT}
-        given |= {"most_diffused": DIFFUSED_EXPLICIT}
+        common = {"values": values, "after": updated, "bounded": bounded, "mixing": mixing}
+        common |= {"limit": MOST_EXPLICIT, "limit_along": ALONG_EXPLICIT}
+        common |= {"most_diffused": DIFFUSED_EXPLICIT}
 
         def bind(kernel: str, fields: int) -> Launch:
-            return self._bind("transport", kernel, kinds=fields, **given)
+            return self._bind("transport", kernel, kinds=fields, **common)
 
         return [
             bind("shares", 1),
@@ -199,9 +201,11 @@ class GasFlow:
             bind("settle_mass", 1),
             bind("settle", kinds),
             *self.mixing.launches(
-                values, kinds, mass=after, flux=rest, exchange=exchange, factor=mixing
+                values, kinds, mass=updated, flux=rest, exchange=exchange, factor=mixing
             ),
-            self.mixing.along(values, kinds, mass=after, flux=rest, diffusions=known["diffusion"]),
+            self.mixing.along(
+                values, kinds, mass=updated, flux=rest, diffusions=arguments["diffusion"]
+            ),
         ]
 
     def _add_up(self, plane: Any, place: int, scale: float) -> Launch:
@@ -220,12 +224,12 @@ class GasFlow:
         if name == "share":
             return np.asarray(self.read("fuel") / self.read("density"))
         if name in ("velocity", "force"):
-            return self.fields.read_planes(self.known[name], 3)
-        return self.fields.read(self.known[name])
+            return self.fields.read_planes(self.arguments[name], 3)
+        return self.fields.read(self.arguments[name])
 
     def write(self, name: str, values: Floats, plane: int = 0) -> None:
         """Sets a field, or one of its planes, to values (A, P, R)."""
-        self.fields.write(self.known[name], values, plane)
+        self.fields.write(self.arguments[name], values, plane)
 
     @property
     def fuel_kg(self) -> float:

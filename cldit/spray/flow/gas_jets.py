@@ -53,9 +53,9 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
             f"begin at {least_K:.0f} K; allowed: hotter fuel, or a lower "
             "spray.injection_pressure_Pa"
         )
-    times, given = released_share(spec)
+    times, released = released_share(spec)
     top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=jet.flux_kg_m2_s)
-    flowing = np.flatnonzero(np.diff(given) > 0)
+    flowing = np.flatnonzero(np.diff(released) > 0)
     none = np.empty(0)
     return Injection(
         holes=tuple(
@@ -101,13 +101,13 @@ class GasJets:
         self, spec: LagrangianSpray, injection: Injection, jet: Expansion, flow: GasFlow
     ) -> None:
         self.flow, self.injected_kg = flow, 0.0
-        times, given = released_share(spec)
-        self._released = times, given * spec.injected_mass_kg
+        times, released = released_share(spec)
+        self._released = times, released * spec.injected_mass_kg
         self._time_s, self._last_kg = 0.0, 0.0
         mass, push = _sources(flow.grid, spec, injection, jet)
         hot_K = np.array([spec.fuel_temperature_K])
         heat = float(flow.mixture.enthalpy_J_kg(np.ones(1), hot_K)[0])
-        self._each = np.concatenate([[mass, heat * mass], push])
+        self._rate = np.concatenate([[mass, heat * mass], push])
 
     def step(self, step_s: float) -> bool:
         """Sets the sources of the gas, `flow.amounts`, for the next step."""
@@ -115,7 +115,7 @@ class GasJets:
         total = float(np.interp(self._time_s, *self._released))
         mass = total - self.injected_kg
         if abs(mass - self._last_kg) > _SAME * self._last_kg:
-            for plane, values in enumerate(self._each):
+            for plane, values in enumerate(self._rate):
                 self.flow.write("amounts", mass * values, plane)
             self._last_kg = mass
         self.injected_kg += self._last_kg

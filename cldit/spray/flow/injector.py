@@ -61,23 +61,23 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     """
     sizes = spec.droplets
     assert sizes is not None, "a gas is injected by gas_jets.inject_gas"
-    density = float(fuel.liquid.one("density", spec.fuel_temperature_K))
+    density = float(fuel.liquid.value("density", spec.fuel_temperature_K))
     speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * pressure_drop_Pa(spec) / density))
     times, released = released_share(spec)
     top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=density * speed)
     typical = float(fuel.mass_kg(mean_diameter_m(sizes, 3, 0), spec.fuel_temperature_K))
-    wanted = spec.injected_mass_kg / (typical * spec.droplets_per_parcel)
-    if wanted > MOST_PARCELS:
-        least = spec.droplets_per_parcel * wanted / MOST_PARCELS
+    parcels = spec.injected_mass_kg / (typical * spec.droplets_per_parcel)
+    if parcels > MOST_PARCELS:
+        minimum = spec.droplets_per_parcel * parcels / MOST_PARCELS
         raise SprayError(
-            f"spray.droplets_per_parcel: {spec.droplets_per_parcel:g} gives {wanted:.3g} parcels; "
-            f"at least {least:.3g}"
+            f"spray.droplets_per_parcel: {spec.droplets_per_parcel:g} gives {parcels:.3g} parcels; "
+            f"at least {minimum:.3g}"
         )
     if equal > 1:
         part = {"plumes": spec.plumes[:1], "injected_mass_kg": spec.injected_mass_kg / equal}
         spec, shares = spec.model_copy(update=part), np.ones(1)
-        top, wanted = top / equal, wanted / equal
-    counts = [max(1, round(wanted * share)) for share in shares]
+        top, parcels = top / equal, parcels / equal
+    counts = [max(1, round(parcels * share)) for share in shares]
     counts = counts if spec.injected_mass_kg > 0 else [0] * len(counts)
     hole = np.repeat(np.arange(len(counts)), counts)
     level = [(np.arange(count) + 0.5) / count for count in counts]
@@ -91,7 +91,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
             f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: up to "
             f"{LARGEST_M:g}, above which free drops of fuel break up"
         )
-    each = fuel.mass_kg(diameter, np.full(len(time), spec.fuel_temperature_K))
+    droplet_kg = fuel.mass_kg(diameter, np.full(len(time), spec.fuel_temperature_K))
     holes = tuple(
         Hole(
             plume_axis(plume),
@@ -111,7 +111,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
         time_s=time,
         hole=hole,
         diameter_m=diameter,
-        droplets=(shares / np.maximum(counts, 1))[hole] * spec.injected_mass_kg / each,
+        droplets=(shares / np.maximum(counts, 1))[hole] * spec.injected_mass_kg / droplet_kg,
         position_m=position,
         velocity_m_s=speed * direction,
     )
@@ -174,18 +174,18 @@ def _spread(
 
     `level` (2, N) are their places in the cone, radius and angle, from 0 to 1.
     """
-    axes = np.array([each.axis for each in holes]).reshape(-1, 3)
+    axes = np.array([outlet.axis for outlet in holes]).reshape(-1, 3)
     helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(axes, helper)
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    second = np.cross(axes, first)
+    u = np.cross(axes, helper)
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    v = np.cross(axes, u)
     edge = np.tan(np.radians([plume.cone_angle_deg / 2 for plume in spec.plumes]))[hole]
     # Radius by inversion of the integral of 2 xi profile(xi).
     xi = np.linspace(0.0, 1.0, 400)
     inside = np.concatenate([[0.0], np.cumsum(np.diff(xi**2) * profile(0.5 * (xi[1:] + xi[:-1])))])
     size = np.interp(level[0], inside / inside[-1], xi)
     angle = 2 * np.pi * level[1]
-    sideways = np.cos(angle)[:, None] * first[hole] + np.sin(angle)[:, None] * second[hole]
+    sideways = np.cos(angle)[:, None] * u[hole] + np.sin(angle)[:, None] * v[hole]
     direction = axes[hole] + (edge * size)[:, None] * sideways
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     start = (0.5 * spec.hole_diameter_m * size)[:, None] * sideways
@@ -201,8 +201,8 @@ def _even(hole: Ints, holes: int, random: np.random.Generator) -> Floats:
     ratio = 1.2207440846057596
     result = np.empty((3, len(hole)))
     for index in range(holes):
-        mine = hole == index
-        count = np.arange(np.count_nonzero(mine))
+        members = hole == index
+        count = np.arange(np.count_nonzero(members))
         for axis in range(3):
-            result[axis, mine] = (random.random() + count / ratio ** (axis + 1)) % 1.0
+            result[axis, members] = (random.random() + count / ratio ** (axis + 1)) % 1.0
     return result

@@ -40,7 +40,7 @@ class History:
 def measures(cloud: FlyingParcels, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
     """Values of `History` from liquid_kg on; `axes` (H, 3) are those of the holes."""
     diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
-    volume = cloud.liquid_kg / fuel.liquid.one("density", cloud.temperature_K)
+    volume = cloud.liquid_kg / fuel.liquid.value("density", cloud.temperature_K)
     liquid, thin = projected_reach_m(cloud.position_m, volume)
     return (
         float(cloud.liquid_kg.sum()),
@@ -61,8 +61,8 @@ def axis_m_s(flow: GasFlow) -> float:
     # Around the axis every direction shows the same speed along it: the mean over azimuths.
     grid = flow.grid
     down = np.array([0.0, 0.0, -1.0])
-    near = grid.directions @ down
-    best = np.isclose(near, near.max(), atol=1e-6)
+    cosine = grid.directions @ down
+    best = np.isclose(cosine, cosine.max(), atol=1e-6)
     along = np.tensordot(grid.frame @ down, flow.read("velocity"), 1)[best].mean(axis=0)
     return float(np.interp(STATION_m, grid.middle[2], along))
 
@@ -74,19 +74,19 @@ def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
     the farthest shell of cells in which a ray has this share, and linear to the next shell.
     """
     owner, share, radius = flow.grid.nearest(axes), flow.read("share"), flow.grid.middle[2]
-    found = []
+    reaches = []
     for plume in range(len(axes)):
         top = share[owner == plume].max(axis=0, initial=0.0)
         rich = np.flatnonzero(top >= VAPOUR_SHARE)
         if not rich.size:
             continue
-        last = int(rich[-1])
-        if last + 1 == len(radius):
-            found.append(float(flow.grid.radius_m[-1]))
+        shell = int(rich[-1])
+        if shell + 1 == len(radius):
+            reaches.append(float(flow.grid.radius_m[-1]))
             continue
-        part = (top[last] - VAPOUR_SHARE) / (top[last] - top[last + 1])
-        found.append(float(radius[last] + part * (radius[last + 1] - radius[last])))
-    return float(np.mean(found)) if found else 0.0
+        part = (top[shell] - VAPOUR_SHARE) / (top[shell] - top[shell + 1])
+        reaches.append(float(radius[shell] + part * (radius[shell + 1] - radius[shell])))
+    return float(np.mean(reaches)) if reaches else 0.0
 
 
 def sauter_m(droplets: Floats, diameter_m: Floats) -> float:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.spray.droplet.fluids import Fuel, Gas
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
 LOWEST_K, _HIGH_K = 150.0, 1200.0  # of the polynomials
 _DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K
-_SCALE_K = 1000.0
+_SCALE_K = 1000.0  # makes the variable of the polynomials of order 1
 _NEWTON_STEPS = 6  # quadratic convergence from anywhere in the range
 
 
@@ -63,7 +63,7 @@ def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
     powers = np.stack([x ** (n + 1) for n in range(_DEGREE)], axis=1)
     fits = []
     for gas in (carrier, fuel):
-        rise = gas.vapour.one("enthalpy", t) - gas.vapour.one("enthalpy", reference_K)
+        rise = gas.vapour.value("enthalpy", t) - gas.vapour.value("enthalpy", reference_K)
         fits.append(np.asarray(np.linalg.lstsq(powers, rise, rcond=None)[0], dtype=np.float64))
     return GasMixture(
         reference_K=reference_K,
@@ -71,5 +71,5 @@ def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
         vapour=fits[1],
         carrier_J_kg_K=GAS_CONSTANT_J_mol_K / carrier.molar_mass_kg_mol,
         vapour_J_kg_K=GAS_CONSTANT_J_mol_K / fuel.molar_mass_kg_mol,
-        zero_J_kg=float(fuel.vapour.one("enthalpy", reference_K)),
+        zero_J_kg=float(fuel.vapour.value("enthalpy", reference_K)),
     )

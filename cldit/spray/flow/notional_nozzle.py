@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.spray.droplet.curves import integral
 from cldit.spray.droplet.fluids import Gas
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
 MACH_DISC = 0.67  # times sqrt(p0/p), in hole diameters, for any gas
 _SECTIONS = 4001  # pressures between rest and the surrounding gas
@@ -58,9 +58,9 @@ def expand(gas: Gas, *, stagnation_Pa: float, stagnation_K: float, pressure_Pa: 
     cp, enthalpy = gas.vapour.at(table_K, "cp", "enthalpy")
     entropy = integral(table_K, cp / table_K)
     pressure = np.linspace(pressure_Pa, stagnation_Pa, _SECTIONS)
-    left = entropy[-1] + constant * np.log(pressure / stagnation_Pa)
-    temperature: Floats = np.interp(left, entropy, table_K)
-    rise = enthalpy[-1] - gas.vapour.one("enthalpy", temperature)
+    isentrope = entropy[-1] + constant * np.log(pressure / stagnation_Pa)
+    temperature: Floats = np.interp(isentrope, entropy, table_K)
+    rise = enthalpy[-1] - gas.vapour.value("enthalpy", temperature)
     speed = np.sqrt(2 * np.maximum(rise, 0.0))
     flux = pressure / (constant * temperature) * speed
     throat = int(np.argmax(flux))

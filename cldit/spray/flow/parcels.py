@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats, Ints, Reals
 from cldit.errors import SprayError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
@@ -22,6 +22,7 @@ from cldit.spray.droplet.fluids import Fuel, Gas, property_table
 from cldit.spray.droplet.models import MODELS, inert
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import Injection
+from cldit.spray.flow.ray_fields import GROUP
 
 SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from the tip
 TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
@@ -29,7 +30,6 @@ REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 NEAR_m = 10e-3  # distance up to which it flies as fast
 STATION_m = 15e-3  # below the injector, where the ECN measures droplets
 
-_GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for each
 _EXCHANGED, _GIVEN = 8, 5  # planes of sums
 # Bounds of the sums in terms of the injected mass: coefficients reach some hundred times the mass
 # where droplets are small and boil.
@@ -73,36 +73,23 @@ class Cloud:
         fields, grid = flow.fields, flow.grid
         self._width = fields.simd_width
         count = len(injection.time_s)
-        packet = self._width * _GROUP
+        packet = self._width * GROUP
         self.capacity = -(-max(count, 1) // packet) * packet
         self.born, self.number = 0, 0
-        each_kg = fuel.mass_kg(injection.diameter_m, np.full(count, spec.fuel_temperature_K))
-        state = np.zeros((8, self.capacity), np.float32)
-        self._each_kg = each_kg
-        state[0, :count], state[1] = each_kg, spec.fuel_temperature_K
-        state[2:5, :count], state[5:8, :count] = injection.velocity_m_s.T, injection.position_m.T
-        droplets = np.zeros(self.capacity, np.float32)
-        droplets[:count] = injection.droplets
-        birth = np.zeros(self.capacity, np.float32)
-        birth[:count] = injection.time_s
+        hot_K = np.full(count, spec.fuel_temperature_K)
+        self._each_kg = fuel.mass_kg(injection.diameter_m, hot_K)
+        state, droplets, birth = self._initial(spec.fuel_temperature_K)
         self.state = upload(self.device, "parcels", state.reshape(-1))
-        mass_kg = float(each_kg @ injection.droplets) or 1.0
-        speed = 4 * injection.speed_m_s
-        exchanged = np.full(_EXCHANGED, _MOST_EXCHANGED * mass_kg)
-        exchanged[1:4] *= speed
-        exchanged[5] *= _HOTTEST_K
-        given = mass_kg * np.array([1.0, _MOST_J_kg, speed, speed, speed])
-        areas = float(injection.diameter_m**2 @ injection.droplets) or 1.0
-        crossed = [2 * mass_kg, 4 * areas, 4e-3 * areas]
+        exchanged, released, crossed = self._bounds()
         self._total_scales = [fixed_point_scale(bound) for bound in crossed]
         exchange_scales, exchange_units = self._scales(exchanged)
-        scales, units = self._scales(given)
+        scales, units = self._scales(released)
         self._sums = zeros(self.device, "sums", _EXCHANGED * fields.cells, np.int64)
         self._totals = zeros(self.device, "totals", 3, np.int64)
         self._failed = zeros(self.device, "failed", 1, np.int32)
         self._exchange = fields.plane("exchange of parcels", _EXCHANGED)
-        known: dict[str, Any] = {
-            **flow.known,
+        shared: dict[str, Any] = {
+            **flow.arguments,
             **fields.places(),
             "state": self.state,
             "droplets": upload(self.device, "droplets", droplets),
@@ -135,11 +122,11 @@ class Cloud:
         }
         self._program = build(self.device, "spray/parcels.cl", defines)
 
-        def bind(kernel: str, items: int = _GROUP, **others: Any) -> Any:
-            whole = {**known, **others}
+        def bind(kernel: str, items: int = GROUP, **extra: Any) -> Any:
+            available = {**shared, **extra}
             names = self._program.takes(kernel)
-            arguments = {name: whole[name] for name in names}
-            return self._program.bind(kernel, (items,), (_GROUP,), arguments)
+            arguments = {name: available[name] for name in names}
+            return self._program.bind(kernel, (items,), (GROUP,), arguments)
 
         self._pack_gas, self._pack_exchange = (
             bind(kernel, fields.cells) for kernel in ("pack_gas", "pack_exchange")
@@ -147,6 +134,38 @@ class Cloud:
         self._add_exchange = bind("add_exchange", scales=exchange_scales)
         self._move = bind("move", scales=scales)
         self._give_birth = bind("give_birth")
+        self._exchanged, self._released = self._receipts(shared, exchange_units, units)
+
+    def _initial(self, fuel_K: float) -> tuple[Reals, Reals, Reals]:
+        """State (8, capacity), droplets and birth (capacity,) of the parcels; zeros beyond them."""
+        injection, count = self._injection, len(self._injection.time_s)
+        state = np.zeros((8, self.capacity), np.float32)
+        state[0, :count], state[1] = self._each_kg, fuel_K
+        state[2:5, :count], state[5:8, :count] = injection.velocity_m_s.T, injection.position_m.T
+        droplets = np.zeros(self.capacity, np.float32)
+        droplets[:count] = injection.droplets
+        birth = np.zeros(self.capacity, np.float32)
+        birth[:count] = injection.time_s
+        return state, droplets, birth
+
+    def _bounds(self) -> tuple[Floats, Floats, list[float]]:
+        """Bounds of the sums in fixed point: exchange with the gas, amounts that the parcels
+        release to it, and totals of the parcels that cross the station."""
+        injection = self._injection
+        mass_kg = float(self._each_kg @ injection.droplets) or 1.0
+        speed = 4 * injection.speed_m_s
+        exchanged = np.full(_EXCHANGED, _MOST_EXCHANGED * mass_kg)
+        exchanged[1:4] *= speed
+        exchanged[5] *= _HOTTEST_K
+        released = mass_kg * np.array([1.0, _MOST_J_kg, speed, speed, speed])
+        areas = float(injection.diameter_m**2 @ injection.droplets) or 1.0
+        return exchanged, released, [2 * mass_kg, 4 * areas, 4e-3 * areas]
+
+    def _receipts(
+        self, shared: dict[str, Any], exchange_units: Any, units: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """Kernels that convert the sums of exchange and of amounts to fields, and spread them."""
+        flow, fields, grid = self.flow, self.flow.fields, self.flow.grid
         spread = [self._extent(axis) for axis in (1, 0)]
         volume = fields.plane("volume", value=1.0)
         fields.write(volume, grid.volume_m3)
@@ -158,7 +177,7 @@ class Cloud:
 
         def receive(target: Any, planes: int, unit: Any) -> list[Any]:
             as_fields = fields.bind(
-                "spray/gas_receipt.cl", "as_fields", known, kinds=planes, fields=target, units=unit
+                "spray/gas_receipt.cl", "as_fields", shared, kinds=planes, fields=target, units=unit
             )
             mixed = flow.mixing.launches(
                 target,
@@ -168,11 +187,11 @@ class Cloud:
                 exchange=(spread[0], spread[1]),
                 factor=1.0,
             )
-            last = flow.mixing.along(target, planes, mass=volume, flux=still, diffusions=along)
-            return [as_fields, *mixed, last]
+            radial = flow.mixing.along(target, planes, mass=volume, flux=still, diffusions=along)
+            return [as_fields, *mixed, radial]
 
-        self._exchanged = receive(self._exchange, _EXCHANGED, exchange_units)
-        self._given = receive(flow.amounts, _GIVEN, units)
+        exchange = receive(self._exchange, _EXCHANGED, exchange_units)
+        return exchange, receive(flow.amounts, _GIVEN, units)
 
     def _single(self, name: str, values: Floats) -> Any:
         return upload(self.device, name, np.asarray(values, np.float32).reshape(-1))
@@ -200,7 +219,7 @@ class Cloud:
         if not self.born:
             return False
         fields = self.flow.fields
-        size = (-(-self.born // (self._width * _GROUP)) * _GROUP,)
+        size = (-(-self.born // (self._width * GROUP)) * GROUP,)
         self._pack_gas()
         clear(self.device, self._sums, _EXCHANGED * fields.cells, np.int64)
         self._add_exchange.resized(size)(step=step_s, born=self.born)
@@ -209,7 +228,7 @@ class Cloud:
         self._pack_exchange()
         clear(self.device, self._sums, _GIVEN * fields.cells, np.int64)
         self._move.resized(size)(step=step_s, born=self.born, number=self.number)
-        for launch in self._given:
+        for launch in self._released:
             launch()
         self.number += 1
         return True
@@ -218,7 +237,7 @@ class Cloud:
         """Adds the parcels that left their holes before the time."""
         until = int(np.searchsorted(self._injection.time_s, time_s, side="left"))
         if until > self.born:
-            count = -(-(until - self.born) // _GROUP) * _GROUP
+            count = -(-(until - self.born) // GROUP) * GROUP
             launch = self._give_birth.resized((count,))
             launch(time=time_s, first=self.born, last=until)
             self.born = until

@@ -18,7 +18,7 @@ PROJECTED_m = 2.0e-6  # 2.0e-3 mm3/mm2
 THIN_PROJECTED_m = 0.2e-6
 PIXEL_m = 0.5e-3
 SPOT = 0.5 * HALF_WIDTH  # standard deviation, over the distance from the injector
-_CUT = 3.0  # standard deviations
+_CUT = 3.0  # standard deviations: 0.3 % of a Gaussian lie beyond
 _ROWS = 16  # that are computed at a time
 
 
@@ -42,11 +42,11 @@ def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, flo
         across = int((aside + _CUT * spot).max() / PIXEL_m) + 2
         spots = _binned(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume)
         tops.append(_tops(*spots, (across, rows)))
-    far, thin = (
+    dense, thin = (
         float(np.mean([_farthest(top, edge) for top in tops]))
         for edge in (PROJECTED_m, THIN_PROJECTED_m)
     )
-    return far, thin
+    return dense, thin
 
 
 def _binned(
@@ -55,9 +55,9 @@ def _binned(
     """One spot for each pixel with parcels: mean place and width, and volume per area."""
     pixel = aside.astype(np.int64) * (int(deep.max()) + 1) + deep.astype(np.int64)
     at = np.unique(pixel, return_inverse=True)[1].reshape(-1)
-    whole = np.bincount(at, volume)
-    x, y, wide = (np.bincount(at, volume * each) / whole for each in (aside, deep, spot))
-    return x, y, wide, whole / PIXEL_m**2
+    total = np.bincount(at, volume)
+    x, y, wide = (np.bincount(at, volume * quantity) / total for quantity in (aside, deep, spot))
+    return x, y, wide, total / PIXEL_m**2
 
 
 def _farthest(top: Floats, edge: float) -> float:
@@ -66,8 +66,8 @@ def _farthest(top: Floats, edge: float) -> float:
     if not rows.size:
         return 0.0
     row = int(rows[-1])
-    here, below = float(top[row]), float(top[row + 1]) if row + 1 < len(top) else 0.0
-    return PIXEL_m * (row + 0.5 + (here - edge) / (here - below))
+    above, below = float(top[row]), float(top[row + 1]) if row + 1 < len(top) else 0.0
+    return PIXEL_m * (row + 0.5 + (above - edge) / (above - below))
 
 
 def _tops(
@@ -79,11 +79,12 @@ def _tops(
     """
     across, rows = shape
     top = np.zeros(rows)
-    for last in range(rows, 0, -_ROWS):
-        part = slice(max(last - _ROWS, 0), last)
-        some = (deep + _CUT * width >= part.start) & (deep - _CUT * width < last)
-        along = amount[some, None] * _weights(deep[some], width[some], rows).toarray()[:, part]
-        top[part] = (_weights(aside[some], width[some], across).T @ along).max(axis=0)
+    for end in range(rows, 0, -_ROWS):
+        part = slice(max(end - _ROWS, 0), end)
+        covering = (deep + _CUT * width >= part.start) & (deep - _CUT * width < end)
+        down = _weights(deep[covering], width[covering], rows).toarray()[:, part]
+        sideways = _weights(aside[covering], width[covering], across)
+        top[part] = (sideways.T @ (amount[covering, None] * down)).max(axis=0)
         if top[part].max() > PROJECTED_m:
             break
     return top
@@ -91,11 +92,11 @@ def _tops(
 
 def _weights(at: Floats, width: Floats, count: int) -> csr_array:
     """Weights of the pixels for each spot (N, count), of sum 1."""
-    first, last = np.floor([at - _CUT * width, at + _CUT * width]).astype(np.int64)[..., None]
-    most = int((last - first).max(initial=0)) + 1
-    pixel = first + np.arange(most)
+    low, high = np.floor([at - _CUT * width, at + _CUT * width]).astype(np.int64)[..., None]
+    widest = int((high - low).max(initial=0)) + 1
+    pixel = low + np.arange(widest)
     weights = np.exp(-0.5 * ((pixel + (0.5 - at[:, None])) / width[:, None]) ** 2)
-    weights *= (pixel >= 0) & (pixel <= np.minimum(last, count - 1))
+    weights *= (pixel >= 0) & (pixel <= np.minimum(high, count - 1))
     weights /= weights.sum(axis=1, keepdims=True)
-    places = (np.clip(pixel, 0, count - 1).reshape(-1), np.arange(len(at) + 1) * most)
+    places = (np.clip(pixel, 0, count - 1).reshape(-1), np.arange(len(at) + 1) * widest)
     return csr_array((weights.reshape(-1), *places), shape=(len(at), count))

@@ -26,12 +26,12 @@ class Projection:
         self._fields, self._program = fields, fields.program("spray/gas_projection.cl")
         factors = factored(fields.grid)
         matrices = {
-            "into azimuth": factors.around.T,
-            "from azimuth": factors.around,
+            "into azimuth": factors.azimuthal.T,
+            "from azimuth": factors.azimuthal,
             "into polar": factors.down.transpose(0, 2, 1),
             "from polar": factors.down,
         }
-        self._matrices = {name: fields.table(name, each) for name, each in matrices.items()}
+        self._matrices = {name: fields.table(name, matrix) for name, matrix in matrices.items()}
         self._lower = fields.row("lower", factors.lower)
         self._upper, self._pivot = fields.plane("upper"), fields.plane("pivot")
         fields.write(self._upper, factors.upper)
@@ -87,8 +87,10 @@ class Factors:
     around: (A, A); down: (A, P, P); lower: (R,); upper, pivot: (A, P, R).
     """
 
-    def __init__(self, around: Floats, down: Floats, lower: Floats, shape: tuple[int, ...]) -> None:
-        self.around, self.down, self.lower = around, down, lower
+    def __init__(
+        self, azimuthal: Floats, down: Floats, lower: Floats, shape: tuple[int, ...]
+    ) -> None:
+        self.azimuthal, self.down, self.lower = azimuthal, down, lower
         self.upper, self.pivot = np.empty(shape), np.empty(shape)
 
 
@@ -97,9 +99,9 @@ def factored(grid: RayGrid) -> Factors:
     na, nt, nr = grid.shape
     azimuth, polar, radius = grid.middle
     wide, high = np.diff(grid.azimuth), -np.diff(np.cos(grid.polar))
-    around = np.zeros(na + 1)
-    around[1:-1] = 1 / np.diff(azimuth)
-    matrix = _second(around)
+    azimuthal = np.zeros(na + 1)
+    azimuthal[1:-1] = 1 / np.diff(azimuth)
+    matrix = _second_difference(azimuthal)
     if grid.ring:
         closing = 1 / (azimuth[0] - (azimuth[-1] - 2 * np.pi))
         matrix[0, 0] += closing
@@ -116,20 +118,20 @@ def factored(grid: RayGrid) -> Factors:
     length = grid.strip_m2 / radius
     lean = np.empty((na, nt))
     for k in range(na):
-        operator = _second(down) + turn[k] * np.diag(side)
+        operator = _second_difference(down) + turn[k] * np.diag(side)
         lean[k], factors.down[k] = eigh(operator, np.diag(high))
     lean[0, 0] = 0.0
     diagonal = outward[:-1] + outward[1:] + lean[:, :, None] * length
     diagonal[0, 0, 0] *= 2.0  # fixes the constant, which has no gradient
-    before = np.zeros((na, nt))
+    previous = np.zeros((na, nt))
     for i in range(nr):
-        factors.pivot[:, :, i] = 1.0 / (diagonal[:, :, i] + outward[i] * before)
-        before = -outward[i + 1] * factors.pivot[:, :, i]
-        factors.upper[:, :, i] = before
+        factors.pivot[:, :, i] = 1.0 / (diagonal[:, :, i] + outward[i] * previous)
+        previous = -outward[i + 1] * factors.pivot[:, :, i]
+        factors.upper[:, :, i] = previous
     return factors
 
 
-def _second(faces: Floats) -> Floats:
+def _second_difference(faces: Floats) -> Floats:
     """Matrix of minus the second difference with the coefficients of the faces."""
     matrix = np.diag(faces[:-1] + faces[1:])
     if len(faces) > 2:

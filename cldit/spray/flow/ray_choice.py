@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import NABER_SIEBERS, Jet
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 from cldit.spray.flow.injector import Injection, plume_axis
 from cldit.spray.flow.rays import RayGrid
 
@@ -18,7 +18,7 @@ SPACING_AT_m = 25e-3  # distance at which a cell across the rays has the scene's
 NOSE_m = 1e-3  # radius of the tip, in which there is no gas
 MOST_CELLS = 2e7
 DEPTH_KEY = "spray.box.depth_m"
-_LEAST_DEPTH_m = 5e-3
+_LEAST_DEPTH_m = 5e-3  # the shortest reach of a plume, see `_reach_m`
 # Cell along the ray. Near the tip equal plumes touch: their gas is the same with half of it, not
 # with twice.
 _SHORTEST_m = 0.25e-3
@@ -27,7 +27,7 @@ _GROWTH = 1.12  # of cells beyond
 _BEHIND = np.radians(115.0)  # of the injector's axis, up to where there is gas
 _POLE = np.radians(15.0)
 _NEAREST_POLE = np.radians(3.0)
-_FIRST_TIME_S = 1.25e-3
+_FIRST_TIME_S = 1.25e-3  # up to which all times have one domain; later ones double it
 _OVER = 1.15  # Naber and Siebers' penetration; one plume alone in hot, thin gas has 1.12 times it
 _LEAST_LEAN = np.radians(15.0)  # of plumes beside a pole on the injector's axis
 _FEWEST = 3  # cells between planes of symmetry
@@ -35,14 +35,13 @@ _FEWEST = 3  # cells between planes of symmetry
 
 def symmetry(plumes: tuple[Plume, ...]) -> int:
     """Number of equal plumes at equal angles about the injector's axis; 0: one axis; else 1."""
-    axes = np.array([plume_axis(each) for each in plumes])
+    axes = np.array([plume_axis(plume) for plume in plumes])
     if np.allclose(axes, axes[0], atol=1e-6):
         return 0
-    first, count = plumes[0], len(plumes)
-    turn = np.sort([(each.azimuth_deg - first.azimuth_deg + 1e-6) % 360 for each in plumes])
-    same = all(
-        each.model_copy(update={"azimuth_deg": first.azimuth_deg}) == first for each in plumes
-    )
+    azimuth_deg, count = plumes[0].azimuth_deg, len(plumes)
+    turn = np.sort([(plume.azimuth_deg - azimuth_deg + 1e-6) % 360 for plume in plumes])
+    turned = [plume.model_copy(update={"azimuth_deg": azimuth_deg}) for plume in plumes]
+    same = all(plume == plumes[0] for plume in turned)
     even = np.allclose(turn, 360 / count * np.arange(count), atol=1e-4)
     return count if same and even else 1
 
@@ -53,23 +52,23 @@ def ray_grid(spec: LagrangianSpray, injection: Injection, *, gas_kg_mol: float) 
     Raises SprayError if there are too many cells.
     """
     h = spec.box.cell_m / SPACING_AT_m
-    axes = np.array([plume_axis(each) for each in spec.plumes])
-    kind, first = symmetry(spec.plumes), axes[0]
+    axes = np.array([plume_axis(plume) for plume in spec.plumes])
+    kind, axis = symmetry(spec.plumes), axes[0]
     if spec.droplets is None and kind == 1:  # jets on the axis of equal ones
-        aside = tuple(each for each in spec.plumes if each.inclination_deg > 0)
-        kind, first = symmetry(aside) or 1, plume_axis(aside[0])
+        aside = tuple(plume for plume in spec.plumes if plume.inclination_deg > 0)
+        kind, axis = symmetry(aside) or 1, plume_axis(aside[0])
     reach_m, far_m = _reach_m(spec, injection, gas_kg_mol)
     if kind == 0:
         return round_grid(axes[0], spacing_m=spec.box.cell_m, reach_m=reach_m, far_m=far_m)
     radius = _radii(h, reach_m, far_m)
     if kind > 1:
         down = np.array([0.0, 0.0, -1.0])
-        lean = float(np.arccos(first @ down))
+        lean = float(np.arccos(axis @ down))
         low = max(lean - _BESIDE, 0.0) if kind == len(axes) else 0.0
         polar = _fine(low, lean + _BESIDE, h, 0.0, max(_BEHIND, lean + 0.4))
         count = max(_FEWEST, int(np.ceil(np.pi / kind * np.sin(lean) / h)))
         azimuth = np.linspace(0.0, np.pi / kind, count + 1)
-        return _checked(RayGrid(_frame(down, first), radius, polar, azimuth, kind), spec)
+        return _checked(RayGrid(_frame(down, axis), radius, polar, azimuth, kind), spec)
     down = np.array([0.0, 0.0, -1.0])
     leans = np.arccos(np.clip(axes @ down, -1.0, 1.0))
     if leans.min() >= _LEAST_LEAN:
@@ -88,13 +87,13 @@ def ray_grid(spec: LagrangianSpray, injection: Injection, *, gas_kg_mol: float) 
     polar = np.arccos(local[:, 2])
     azimuth = np.arctan2(local[:, 1], local[:, 0])
     low, high = float(polar.min()), float(polar.max())
-    near = min(low, np.pi - high)
-    if near < _NEAREST_POLE + 0.1:
+    nearest = min(low, np.pi - high)
+    if nearest < _NEAREST_POLE + 0.1:
         raise SprayError(
             "spray.plumes: no direction across the injector's axis is 9 degrees away from all "
             "plumes; allowed: smaller inclinations"
         )
-    edge = max(min(_POLE, near - _BESIDE), _NEAREST_POLE)
+    edge = max(min(_POLE, nearest - _BESIDE), _NEAREST_POLE)
     polar = _fine(low - _BESIDE, high + _BESIDE, h, edge, np.pi - edge)
     side = _fine(azimuth.min() - _BESIDE, azimuth.max() + _BESIDE, h, -_BEHIND, _BEHIND)
     return _checked(RayGrid(frame, radius, polar, side, 1), spec)
@@ -111,10 +110,10 @@ def round_grid(axis: Floats, *, spacing_m: float, reach_m: float, far_m: float) 
 def _checked(grid: RayGrid, spec: LagrangianSpray) -> RayGrid:
     cells = float(np.prod(grid.shape))
     if cells > MOST_CELLS:
-        least = spec.box.cell_m * (cells / MOST_CELLS) ** (1 / 3)
+        minimum = spec.box.cell_m * (cells / MOST_CELLS) ** (1 / 3)
         raise SprayError(
             f"spray.box.spacing_m: {spec.box.cell_m:g} gives {cells:.3g} cells; at least "
-            f"{least:.2g}"
+            f"{minimum:.2g}"
         )
     return grid
 
@@ -152,13 +151,13 @@ def _reach_m(spec: LagrangianSpray, injection: Injection, gas_kg_mol: float) -> 
     return _OVER * reach, far_m
 
 
-def _frame(pole: Floats, first: Floats | None = None) -> Floats:
-    """Local axes: the pole last, and the first one towards `first`."""
-    if first is None:
-        first = np.eye(3)[np.argmin(np.abs(pole))]
-    one = first - (first @ pole) * pole
-    one /= np.linalg.norm(one)
-    return np.array([one, np.cross(pole, one), pole])
+def _frame(pole: Floats, towards: Floats | None = None) -> Floats:
+    """Local axes: the pole last, and the first one towards `towards`."""
+    if towards is None:
+        towards = np.eye(3)[np.argmin(np.abs(pole))]
+    x_axis = towards - (towards @ pole) * pole
+    x_axis /= np.linalg.norm(x_axis)
+    return np.array([x_axis, np.cross(pole, x_axis), pole])
 
 
 def _radii(growth: float, reach_m: float, far_m: float) -> Floats:
@@ -170,14 +169,14 @@ def _radii(growth: float, reach_m: float, far_m: float) -> Floats:
     return np.array(radii)
 
 
-def _fine(low: float, high: float, step: float, first: float, last: float) -> Floats:
-    """Angles from `first` to `last`, evenly by `step` between low and high, and growing beyond."""
-    low, high = max(low, first), min(high, last)
+def _fine(low: float, high: float, step: float, begin: float, end: float) -> Floats:
+    """Angles from `begin` to `end`, evenly by `step` between low and high, and growing beyond."""
+    low, high = max(low, begin), min(high, end)
     count = max(1, int(np.ceil((high - low) / step)))
     inner = np.linspace(low, high, count + 1)
     step = (high - low) / count
-    below = low - _growing(step, low - first)[::-1]
-    return np.concatenate([below, inner, high + _growing(step, last - high)])
+    below = low - _growing(step, low - begin)[::-1]
+    return np.concatenate([below, inner, high + _growing(step, end - high)])
 
 
 def _growing(step: float, length: float) -> Floats:

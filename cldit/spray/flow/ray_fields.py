@@ -16,7 +16,7 @@ from cldit.spray.flow.rays import RayGrid
 
 _GUARD = 16  # kernels/spray/gas_cell.h
 _PACKET = 16  # rows are padded to multiples of it
-_GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for another
+GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for another
 
 
 class RayFields:
@@ -79,40 +79,41 @@ class RayFields:
 
     def read(self, buffer: Any, plane: int = 0) -> Floats:
         """A plane of a buffer as an array (A, P, R)."""
-        return np.asarray(self.read_planes(buffer, 1, first=plane)[0])
+        return np.asarray(self.read_planes(buffer, 1, begin=plane)[0])
 
-    def read_planes(self, buffer: Any, planes: int, *, first: int = 0) -> Floats:
-        """Planes of a buffer from `first` on, as an array (planes, A, P, R)."""
+    def read_planes(self, buffer: Any, planes: int, *, begin: int = 0) -> Floats:
+        """Planes of a buffer from `begin` on, as an array (planes, A, P, R)."""
         out = np.empty((planes, self.cells), self.real)
-        download(self.device, buffer, out, first=first * self.cells)
+        download(self.device, buffer, out, start=begin * self.cells)
         rows = out[:, _GUARD:-_GUARD].reshape(planes, *self.grid.shape[:2], self.stride)
         return np.array(rows[..., : self.grid.shape[2]], dtype=np.float64)
 
     def write(self, buffer: Any, values: Floats, plane: int = 0) -> None:
         """Sets a plane to an array (A, P, R)."""
         old = np.empty(self.cells, self.real)
-        download(self.device, buffer, old, first=plane * self.cells)
+        download(self.device, buffer, old, start=plane * self.cells)
         rows = old[_GUARD:-_GUARD].reshape(*self.grid.shape[:2], self.stride)
         rows[:, :, : self.grid.shape[2]] = values
         offset = plane * self.cells * old.itemsize
         cl.enqueue_copy(self.device.queue, buffer, old, dst_offset=offset)
 
-    def bind(self, name: str, kernel: str, known: Mapping[str, Any], **others: Any) -> Launch:
+    def bind(self, name: str, kernel: str, shared: Mapping[str, Any], **specific: Any) -> Launch:
         """Launch of a kernel of the file `name`, whose arguments are taken by name.
 
-        `known` and `others` have more names than the kernel takes; `others` come first. One
-        work-item is a packet of cells of one field; the number of fields is `kinds`, or 1.
+        `shared` and `specific` may have more names than the kernel takes; `specific` ones override
+        `shared` ones. One work-item is a packet of cells of one field; the number of fields is
+        `kinds`, or 1.
         """
         program = self.program(name)
-        whole = {"kinds": 1, **known, **others}
-        arguments = {argument: whole[argument] for argument in program.takes(kernel)}
-        return self.grouped(program, kernel, self.packets * int(whole["kinds"]), arguments)
+        available = {"kinds": 1, **shared, **specific}
+        arguments = {argument: available[argument] for argument in program.takes(kernel)}
+        return self.grouped(program, kernel, self.packets * int(available["kinds"]), arguments)
 
     def grouped(
         self, program: Program, kernel: str, items: int, arguments: Mapping[str, Any]
     ) -> Launch:
         """Launch of work-items in groups of one size."""
-        return program.bind(kernel, (items,), (_GROUP,), arguments)
+        return program.bind(kernel, (items,), (GROUP,), arguments)
 
 
 class Mixing:
@@ -121,8 +122,8 @@ class Mixing:
     def __init__(self, fields: RayFields) -> None:
         grid = fields.grid
         self.fields, self.program = fields, fields.program("spray/gas_mixing.cl")
-        around, down, _ = grid.conductance
-        self._around, self._down = fields.table("around", around), fields.table("down", down)
+        azimuthal, down, _ = grid.conductance
+        self._azimuthal, self._down = fields.table("around", azimuthal), fields.table("down", down)
         self._length = fields.row("length", grid.strip_m2 / grid.middle[2])
         self.ratio = fields.plane("elimination", 2)
 
@@ -174,7 +175,7 @@ class Mixing:
         azimuth = {
             "flux_plane": 0,
             "exchange": exchange[1],
-            "conductance": self._around,
+            "conductance": self._azimuthal,
             "count": azimuths,
             "jump": layer,
             "other": f.stride,

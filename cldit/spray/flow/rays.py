@@ -94,8 +94,8 @@ class RayGrid:
             * np.sin(p)[None, :, None]
         )
         normal = np.stack([-np.sin(a), np.cos(a), np.zeros_like(a)], axis=-1)
-        around = normal[:, None, :] * np.diff(p)[None, :, None]
-        return np.asarray(around), np.asarray(down), np.asarray(outward)
+        azimuthal = normal[:, None, :] * np.diff(p)[None, :, None]
+        return np.asarray(azimuthal), np.asarray(down), np.asarray(outward)
 
     @cached_property
     def strip_m2(self) -> Floats:
@@ -106,7 +106,7 @@ class RayGrid:
     def middle(self) -> tuple[Floats, Floats, Floats]:
         """Middles of the cells: azimuth, polar angle, radius."""
         faces = (self.azimuth, self.polar, self.radius_m)
-        return tuple(0.5 * (each[1:] + each[:-1]) for each in faces)  # type: ignore[return-value]
+        return tuple(0.5 * (edges[1:] + edges[:-1]) for edges in faces)  # type: ignore[return-value]
 
     @cached_property
     def conductance(self) -> tuple[Floats, Floats, Floats]:
@@ -115,16 +115,16 @@ class RayGrid:
         Azimuth and polar angle: (A, P), times the cell's length; radius: (R,), times the angle.
         """
         azimuth, polar, radius = self.middle
-        around = np.zeros(self.shape[:2])
+        azimuthal = np.zeros(self.shape[:2])
         if self.ring:
-            first = azimuth[0] - (azimuth[-1] - 2 * np.pi)
-            around[0] = np.diff(self.polar) / (np.sin(polar) * first)
-        around[1:] = np.diff(self.polar) / (np.sin(polar) * np.diff(azimuth)[:, None])
+            closing = azimuth[0] - (azimuth[-1] - 2 * np.pi)
+            azimuthal[0] = np.diff(self.polar) / (np.sin(polar) * closing)
+        azimuthal[1:] = np.diff(self.polar) / (np.sin(polar) * np.diff(azimuth)[:, None])
         down = np.zeros(self.shape[:2])
         down[:, 1:] = np.diff(self.azimuth)[:, None] * np.sin(self.polar[1:-1]) / np.diff(polar)
         outward = np.zeros(self.shape[2])
         outward[1:] = self.radius_m[1:-1] ** 2 / np.diff(radius)
-        return around, down, outward
+        return azimuthal, down, outward
 
     @property
     def directions(self) -> Floats:
@@ -144,13 +144,13 @@ class RayGrid:
     def contains(self, position_m: Floats) -> Mask:
         """True for positions (N, 3) that the walls enclose, the tip included."""
         local = position_m @ self.frame.T
-        found = np.linalg.norm(position_m, axis=1) < self.radius_m[-1]
+        inside = np.linalg.norm(position_m, axis=1) < self.radius_m[-1]
         polar = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
-        found &= (polar >= self.polar[0]) & (polar <= self.polar[-1])
+        inside &= (polar >= self.polar[0]) & (polar <= self.polar[-1])
         if self.symmetry == 1 and not self.ring:
             azimuth = np.arctan2(local[:, 1], local[:, 0])
-            found &= (azimuth >= self.azimuth[0]) & (azimuth <= self.azimuth[-1])
-        return np.asarray(found)
+            inside &= (azimuth >= self.azimuth[0]) & (azimuth <= self.azimuth[-1])
+        return np.asarray(inside)
 
     def beside(self, amount: Floats) -> float:
         """Sum of an amount (azimuth, polar, radius) in the cells beside walls that are rays."""

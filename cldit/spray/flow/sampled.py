@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
 from cldit.gpu.program import Define, build
@@ -22,7 +23,6 @@ _NEAR_m = (10e-3, 4e-3)  # of the tip: half of the spacing in each, three voxels
 _FAINT = 0.1  # of NEGLIGIBLE, which is added to voxels
 _MOST = 240  # voxels along an axis
 _ROUNDS = 30  # of the shells' factors: their content is right to 1e-3 or so
-_AVOGADRO = 6.02214076e23
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,15 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     if not (vapour >= negligible).any():
         return None
     lattices = lattices_of(grid, vapour >= negligible)
-    found = Filling(flow, vapour, least=_FAINT * negligible).masses(lattices)
+    fillings = Filling(flow, vapour, threshold=_FAINT * negligible).masses(lattices)
     lower, upper, number, warm = [], [], [], []
-    for lattice, voxels in zip(lattices, found, strict=True):
+    for lattice, voxels in zip(lattices, fillings, strict=True):
         mass, temperature = voxels.reshape(-1, 2).T
         index = np.flatnonzero(mass > negligible * lattice.edge_m**3)
         steps = np.stack(np.unravel_index(index, tuple(lattice.shape)), axis=1)
         lower.append(lattice.corner_m + steps * lattice.edge_m)
         upper.append(lattice.corner_m + (steps + 1) * lattice.edge_m)
-        number.append(mass[index] / lattice.edge_m**3 * (_AVOGADRO / fuel.molar_mass_kg_mol))
+        number.append(mass[index] / lattice.edge_m**3 * (AVOGADRO_PER_MOL / fuel.molar_mass_kg_mol))
         warm.append(temperature[index])
     return Vapour(
         cells=Cells(np.concatenate(lower), np.concatenate(upper)),
@@ -88,7 +88,7 @@ def lattices_of(grid: RayGrid, rich: Mask) -> list[Lattice]:
 class Filling:
     """Kernel that fills lattices with the vapour of a gas (A, P, R), from a density on."""
 
-    def __init__(self, flow: GasFlow, vapour: Floats, *, least: float) -> None:
+    def __init__(self, flow: GasFlow, vapour: Floats, *, threshold: float) -> None:
         grid, fields = flow.grid, flow.fields
         self.device, self.shells = flow.device, grid.shape[2]
         self.content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
@@ -98,8 +98,8 @@ class Filling:
         self.arguments: dict[str, Any] = {
             "fuel": flow.fuel,
             "warmth": warmth,
-            "least_density": float(least),
-            "cosines": self._single("cosines", _cosines(grid, vapour >= 0.1 * least).T),
+            "least_density": float(threshold),
+            "cosines": self._single("cosines", _cosines(grid, vapour >= 0.1 * threshold).T),
             **fields.places(),
         }
         defines: dict[str, Define] = {
@@ -114,7 +114,7 @@ class Filling:
 
     def masses(self, lattices: list[Lattice]) -> list[Floats]:
         """Mass and temperature (X, Y, Z, 2) of the voxels of each lattice."""
-        room = sum(float(np.prod(one.shape)) * one.edge_m**3 for one in lattices)
+        room = sum(float(np.prod(box.shape)) * box.edge_m**3 for box in lattices)
         scale = fixed_point_scale(self.densest * room)
         sums = zeros(self.device, "shells", 3 * self.shells, np.int64)
         factor = np.ones(self.shells)
@@ -123,8 +123,8 @@ class Filling:
         parts = fixed_point_sums(self.device, sums, 3 * self.shells, scale).reshape(-1, 3)
         for _ in range(_ROUNDS):
             beside = np.pad(factor, 1)
-            found = parts[:, 0] * beside[:-2] + parts[:, 1] * factor + parts[:, 2] * beside[2:]
-            factor *= np.divide(self.content, found, out=np.ones_like(factor), where=found > 0)
+            summed = parts[:, 0] * beside[:-2] + parts[:, 1] * factor + parts[:, 2] * beside[2:]
+            factor *= np.divide(self.content, summed, out=np.ones_like(factor), where=summed > 0)
         return [self.fill(lattice, factor) for lattice in lattices]
 
     def fill(
@@ -160,28 +160,28 @@ def _cosines(grid: RayGrid, rich: Mask) -> Floats:
     any_[:, 1:] |= any_[:, :-1].copy()
     any_[:, :-1] |= any_[:, 1:].copy()
     count = len(any_)
-    first, last = any_.argmax(axis=0), count - 1 - any_[::-1].argmax(axis=0)
-    some = any_.any(axis=0)
-    low = np.cos(grid.polar[np.minimum(last + 2, count)])
-    high = np.cos(grid.polar[np.maximum(first - 1, 0)])
-    return np.stack([np.where(some, low, 2.0), np.where(some, high, -2.0)])
+    begin, end = any_.argmax(axis=0), count - 1 - any_[::-1].argmax(axis=0)
+    present = any_.any(axis=0)
+    low = np.cos(grid.polar[np.minimum(end + 2, count)])
+    high = np.cos(grid.polar[np.maximum(begin - 1, 0)])
+    return np.stack([np.where(present, low, 2.0), np.where(present, high, -2.0)])
 
 
 def _bounds(grid: RayGrid, rich: Mask) -> tuple[Floats, Floats]:
     """Corners of a box around the cells that are rich (A, P, R), those beside them, in which the
     vapour falls to nothing, and their copies."""
     for axis in range(3):
-        first, last = (np.take(rich, at, axis) for at in ([0], [-1]))
-        below = np.concatenate([first, np.delete(rich, -1, axis)], axis)
-        rich = rich | below | np.concatenate([np.delete(rich, 0, axis), last], axis)
-    far = np.where(rich, grid.radius_m[1:], 0.0).max(axis=2)
-    rays = grid.directions @ grid.frame.T * far[:, :, None]
-    rays = rays[far > 0]
+        lowest, highest = (np.take(rich, at, axis) for at in ([0], [-1]))
+        below = np.concatenate([lowest, np.delete(rich, -1, axis)], axis)
+        rich = rich | below | np.concatenate([np.delete(rich, 0, axis), highest], axis)
+    reach_m = np.where(rich, grid.radius_m[1:], 0.0).max(axis=2)
+    rays = grid.directions @ grid.frame.T * reach_m[:, :, None]
+    rays = rays[reach_m > 0]
     if grid.symmetry != 1:
         wide = np.hypot(rays[:, 0], rays[:, 1])
-        around = np.linspace(0.0, 2 * np.pi, 65)
+        turn = np.linspace(0.0, 2 * np.pi, 65)
         ends = zip(wide, rays[:, 2], strict=True)
-        ring = np.stack([np.cos(around), np.sin(around)])
+        ring = np.stack([np.cos(turn), np.sin(turn)])
         rays = np.concatenate([np.stack([*(w * ring), np.full(65, h)], axis=1) for w, h in ends])
     world = rays @ grid.frame
     return np.minimum(world.min(axis=0), 0.0), np.maximum(world.max(axis=0), 0.0)

@@ -27,7 +27,7 @@ from cldit.spray.result import Parcels, Spray
 Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-5
-_RECORDS = 100
+_RECORDS = 100  # rows of the history of one spray
 CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
 _FEWEST_GAS_STEPS = 2  # near the tip cells are shorter, and the gas's divergence is a step late
 _FEWEST_JET_STEPS = 3  # a source of gas, `REACH_m` long, moves by a third of it
@@ -88,8 +88,8 @@ def simulate_times(
         times, gas_steps = tuple(group), 0
         done = 0
         while done < len(times):
-            last = spec.model_copy(update={"time_s": times[-1]})
-            state = _State(last, device, cache, records, gas_steps)
+            final = spec.model_copy(update={"time_s": times[-1]})
+            state = _State(final, device, cache, records, gas_steps)
             try:
                 for number, time_s in enumerate(times):
                     state.until(time_s, watch)
@@ -153,13 +153,13 @@ class _State:
 
         After the injection it reads the parcels, every `_CHECKED` steps.
         """
-        first = REACH_m / self.injection.speed_m_s
+        step_s = REACH_m / self.injection.speed_m_s
         if self.time_s < self.injection.end_s:
-            return min(first, LONGEST_STEP_S)
+            return min(step_s, LONGEST_STEP_S)
         if self.steps % _CHECKED == 0:
             self._fastest_m_s = self.cloud.fastest_m_s()
         doubled = math.floor(math.log2(self.injection.speed_m_s / max(self._fastest_m_s, 1e-9)))
-        return min(first * 2.0 ** max(doubled, 0), LONGEST_STEP_S)
+        return min(step_s * 2.0 ** max(doubled, 0), LONGEST_STEP_S)
 
     def until(self, time_s: float, watch: Watch | None) -> None:
         """Advances to a time."""
@@ -247,12 +247,12 @@ def _check(spec: LagrangianSpray, fuel: Fuel) -> None:
     ambient, hot_K = spec.ambient, spec.fuel_temperature_K
     ambient_key = "spray.ambient."
     names = f"{ambient_key}temperature_K", f"{ambient_key}pressure_Pa"
-    around = {"gas_K": ambient.temperature_K, "pressure_Pa": ambient.pressure_Pa}
+    conditions = {"gas_K": ambient.temperature_K, "pressure_Pa": ambient.pressure_Pa}
     if spec.droplets is None:
-        check_gas(fuel, **around, names=names)
+        check_gas(fuel, **conditions, names=names)
         return
     check_conditions(
-        fuel, temperature_K=hot_K, **around, names=("spray.fuel_temperature_K", *names)
+        fuel, temperature_K=hot_K, **conditions, names=("spray.fuel_temperature_K", *names)
     )
     boiling_K = float(fuel.boiling_K(ambient.pressure_Pa))
     if spec.evaporation != "none" and hot_K >= boiling_K:
@@ -286,6 +286,6 @@ def _parcels(cloud: FlyingParcels, fuel: Fuel) -> Parcels | None:
         diameter_m=diameter[seen],
         droplets=cloud.droplets[seen],
         temperature_K=cloud.temperature_K[seen],
-        density_kg_m3=fuel.liquid.one("density", cloud.temperature_K[seen]),
+        density_kg_m3=fuel.liquid.value("density", cloud.temperature_K[seen]),
         velocity_m_s=cloud.velocity_m_s[seen],
     )

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from cldit.arrays import Mask
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.io.files import make_folder, read_text, write_text
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.vapour import vapour_band
@@ -111,7 +112,6 @@ _COLD = {
     "optics.compare_paper": False,
 }
 _OPEN_UM = (2.0, 5.0)
-_AVOGADRO = 6.02214076e23
 
 
 def open_vapour(folder: Path) -> Path:
@@ -126,7 +126,7 @@ def open_vapour(folder: Path) -> Path:
     text = []
     for row_K in (200.0, *(float(row) for row in band.rows_K)):
         values = np.zeros(len(number))
-        values[inside] = band.absorption_m2_mol(number[inside], row_K) * 1e4 / _AVOGADRO
+        values[inside] = band.absorption_m2_mol(number[inside], row_K) * 1e4 / AVOGADRO_PER_MOL
         head = f"{'n-heptane':>20}{number[0]:10.3f}{number[-1]:10.3f}{len(number):7d}{row_K:7.1f}"
         cells = [f"{value:10.3E}" for value in values]
         rows = ["".join(cells[at : at + 10]) for at in range(0, len(cells), 10)]

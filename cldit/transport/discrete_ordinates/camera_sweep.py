@@ -1,20 +1,29 @@
 """Weights for scattering to the camera in the final sweeps (stage 3 of `trace_source`)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.gpu.buffers import upload, zeros
+from cldit.gpu.device import Device
 from cldit.gpu.program import Program
-from cldit.transport.cells import OpticalCells, mean_transmission
+from cldit.transport.cells import OpticalCells, SweptBox, mean_transmission
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder
-from cldit.transport.discrete_ordinates.cell_packets import turned_too
+from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_too
+from cldit.transport.discrete_ordinates.sweep_arrays import Real
 
-if TYPE_CHECKING:
-    from cldit.transport.discrete_ordinates.sweep import Sweeper
+
+class SweptCells(Protocol):
+    """The cells of a `Sweeper`, which is above this file."""
+
+    device: Device
+    box: SweptBox
+    packets: dict[bool, CellPackets]
+    real: Real
+    sum_type: type[np.generic]
 
 
 @dataclass(frozen=True)
@@ -37,7 +46,7 @@ class CameraSweep:
     @classmethod
     def of(
         cls,
-        sweeper: "Sweeper",
+        sweeper: SweptCells,
         program: Program,
         medium: OpticalCells,
         *,

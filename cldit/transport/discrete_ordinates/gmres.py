@@ -29,19 +29,19 @@ _ROUNDED = 0.2
 
 @dataclass(frozen=True)
 class Solution:
-    """Source of the scattering cells.
+    """Source of the scattering cells, on the device.
 
-    source: (C, N), in the unit of `OpticalCells.emitted`.
+    source: list (C, N), in the unit of `OpticalCells.emitted`.
     iterations: sets of sweeps along all ordinates.
     error: RMS error of the source, from the smallest singular value in GMRES; 0 at a fixed order.
-    residual: (C, N) preconditioned residual after a defect correction, about the error of the
-        source.
+    residual: vector (C, N) of the preconditioned residual after a defect correction, about the
+        error of the source.
     """
 
-    source: Array
+    source: Any
     iterations: int
     error: float
-    residual: Array | None = None
+    residual: Any = None
 
 
 def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
@@ -51,8 +51,8 @@ def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
     return guess
 
 
-def next_order(sweeper: Sweeper, source: Array, rays: DeviceOrdinates) -> Array:
-    """Source (C, N) with one more order of scattering than `source` (C, N): Lambda iteration."""
+def next_order(sweeper: Sweeper, source: Any, rays: DeviceOrdinates) -> Any:
+    """List (C, N) with one more order of scattering than `source` (C, N): Lambda iteration."""
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays, shining=True)
     return sweeper.next_order()
@@ -86,14 +86,15 @@ def gmres(
         confirmed: convergence is confirmed by one more iteration, which includes rounding; else by
             GMRES's own residual.
     """
-    space, source = sweeper.krylov(), guess
+    space, source = sweeper.krylov(), sweeper.listed(guess)
+    first = source
     iterations, inverse_norm, before = 0, 1.0, np.inf
     while True:
         sweeper.set_source(source, shining=True)
         sweeper.sweep(rays, shining=True)
         iterations += 1
         sweeper.residual(space, space.left, shining=True)
-        rms, _ = space.measured()
+        rms, *_ = space.measured()
         now = _worst(rms)
         if report is not None:
             report(f"iteration {iterations}: residual {now:.1e}, error {now * inverse_norm:.1e}")
@@ -104,7 +105,7 @@ def gmres(
         before = now
         cycle = _krylov(sweeper, space, rms, rays, tolerance)
         iterations, inverse_norm = iterations + cycle.iterations, cycle.inverse_norm
-        now, source = _worst(cycle.rms), guess + space.read(space.onto)
+        now, source = _worst(cycle.rms), sweeper.corrected(space, first)
         if not confirmed and now * inverse_norm <= tolerance:
             break
     return Solution(source, iterations, now * inverse_norm)
@@ -125,7 +126,8 @@ def defect_correction(
     tolerance: float,
     report: Report | None = None,
     listed: Any = None,
-) -> tuple[Solution, Array]:
+    light: Any = None,
+) -> Solution:
     """Corrects a solution along few ordinates for its defect along more; raises as `gmres`.
 
     The sweeper must have swept the solution along the larger set.
@@ -134,18 +136,14 @@ def defect_correction(
         solution: of `gmres` along `rays`, the few ordinates.
         tolerance, report: as in `gmres`.
         listed: buffer of that sweep's I - S, see `Sweeper.residual`; None: the sweeper's own.
-
-    Returns:
-        The corrected solution, and the mean radiance (C, N) that the correction adds.
+        light: list of that sweep's mean radiance (C, N), which gets what the correction adds.
     """
     space, iterations = sweeper.krylov(), solution.iterations
     sweeper.residual(space, space.left, shining=True, listed=listed)
-    residual = space.read(space.left)
-    rms, peak = space.measured()
+    residual = None if light is None else space.copied(space.left)
+    rms, peak, source = space.measured()
     # The residual is updated from cycle to cycle, so it does not show the rounding of the first.
-    eps = float(np.finfo(residual.dtype).eps)
-    mean = np.mean(np.square(solution.source, dtype=np.float64), axis=1)
-    rounding = _ROUNDED * eps * _worst(np.sqrt(mean))
+    rounding = _ROUNDED * float(np.finfo(sweeper.real).eps) * _worst(source)
     error = now = _worst(rms)
     most, before = sweeper.tuning.solver_peak, np.inf
     while now > 0.0 and (before == np.inf or error > tolerance or peak > most):
@@ -163,13 +161,8 @@ def defect_correction(
             if error > tolerance:
                 raise _stuck(error, iterations, tolerance)
             break
-    # The correction less the unpreconditioned residual, over the albedo.
-    correction, left = space.read(space.onto), space.read(space.left)
-    least = np.finfo(residual.dtype).tiny
-    albedo = np.maximum(sweeper.albedo, least).astype(residual.dtype)
-    more = (correction - residual * sweeper.one_minus_lambda) / albedo
-    source = solution.source + correction
-    return Solution(source, iterations, error, left), more
+    corrected = sweeper.corrected(space, solution.source, light, residual)
+    return Solution(corrected, iterations, error, space.left)
 
 
 @dataclass(frozen=True)
@@ -203,8 +196,8 @@ def _krylov(
     while taken < most:
         sweeper.set_source(None, shining=False)
         sweeper.sweep(rays, shining=False)
-        sweeper.residual(space, space.image, shining=False)
         j, taken = taken, taken + 1
+        sweeper.residual(space, space.image, shining=False, number=taken)
         # The residual is the right-hand side less the operator's image.
         overlap, length = space.extend(taken)
         hessenberg[:, :taken, j], hessenberg[:, taken, j] = -overlap.T, -length

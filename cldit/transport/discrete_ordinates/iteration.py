@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cldit.arrays import Floats, Reals
+from cldit.arrays import Floats
+from cldit.gpu.buffers import zeros
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cell_phases import phase_moments
@@ -31,14 +32,14 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Moments:
-    """Moments of radiance or of a source in the scattering cells.
+    """Moments of radiance or of a source in the scattering cells, on the device.
 
-    angular: (M, C, N) mean; with a phase function, all moments of angular_moments.py.
+    angular: list (M, C, N): the mean; with a phase function, all moments of angular_moments.py.
     gradient: (3, C, K) spatial gradient along x, y, z in the K linear cells, per cell; None: K = 0.
     """
 
-    angular: Reals
-    gradient: Reals | None
+    angular: Any
+    gradient: Any
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def _constant(
         solution, few = _coarse(problem, sweeper, rng, report)
         sweeper.set_source(solution.source, shining=True)
         sweeper.sweep(problem.ordinates(sweeper, problem.half, rng), shining=True)
-        solution, _ = defect_correction(
+        solution = defect_correction(
             sweeper, solution, few, tolerance=settings.tolerance, report=report
         )
     else:
@@ -107,9 +108,7 @@ def _moments(
         problem.scattering_scaled(1.0 - turned), plain, problem.linear_cells if serves else None
     )
     programs = [plain]
-    shape = (1 if phase is None else MOMENTS, sweeper.components, sweeper.count)
-    light = np.zeros(shape, sweeper.real)
-    gradient = None
+    light, gradient = sweeper.unset_light(1 if phase is None else MOMENTS), None
     scratch: tuple[Any, ...] = ()
     if phase is not None and settings.order != 1:
         scratch = sweeper.room(MOMENTS)
@@ -120,25 +119,27 @@ def _moments(
         sweeper.set_source(solution.source, shining=True)
         ordinates = problem.ordinates(sweeper, settings.directions, rng)
         sweeper.moments(programs[-1], ordinates, out=light, room=scratch)
-        solution, more = defect_correction(
+        solution = defect_correction(
             sweeper,
             solution,
             few,
             tolerance=settings.tolerance,
             report=report,
             listed=scratch[1] if scratch else None,
+            light=light,
         )
-        light[0] += more
-        solution = _scattered_once(solution, sweeper)
     else:
         solution = _of_order(problem, sweeper, rng, 0)
-        light[0, 1] = 1.0  # isotropic, from the wall
+        walled = np.zeros((1 if phase is None else MOMENTS, sweeper.components, sweeper.count))
+        walled[0, 1] = 1.0  # isotropic, from the wall
+        light = sweeper.listed(walled)
     if problem.linear_cells is not None:
-        count = np.count_nonzero(problem.linear_cells)
-        gradient = np.zeros((3, shape[1], count), sweeper.real)
+        count = 3 * sweeper.components * int(np.count_nonzero(problem.linear_cells))
+        gradient = zeros(problem.device, "spatial gradient", count, sweeper.real)
         if sweeper.gradients is not None:
-            gradient[:] = sweeper.gradients(light[0])[:, :, problem.linear_cells]
-    solution, defect = _checked(problem, sweeper, solution)
+            changes = sweeper.gradients(sweeper.read(light))[:, :, problem.linear_cells]
+            gradient = sweeper.listed(changes)
+    solution, defect = _checked(problem, sweeper, solution, scattered=True)
     return SolvedSource(
         solution=solution,
         light=Moments(light, gradient),
@@ -165,28 +166,22 @@ def _of_order(
     problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, times: int
 ) -> Solution:
     """Solution of a fixed order: scattered `times`, each along half of the final ordinates."""
-    source = order_0(sweeper, sweeper.albedo)
+    source = sweeper.listed(order_0(sweeper, sweeper.albedo))
     for _ in range(times):
         source = next_order(sweeper, source, problem.ordinates(sweeper, problem.half, rng))
     return Solution(source, problem.settings.order or 0, 0.0)
 
 
-def _scattered_once(solution: Solution, sweeper: Sweeper) -> Solution:
-    """Solution with its residual after one more scattering."""
-    residual = None if solution.residual is None else solution.residual * sweeper.albedo
-    return replace(solution, residual=residual)
-
-
 def _checked(
-    problem: SweepProblem, sweeper: Sweeper, solution: Solution
+    problem: SweepProblem, sweeper: Sweeper, solution: Solution, *, scattered: bool = False
 ) -> tuple[Solution, Floats]:
     """Solution, and error (N,) of sweeps and solver in a cavity of radiance 1.
 
-    The error includes the residual, which is removed from the solution.
+    The error includes the residual, with `scattered` after one more scattering, which is removed
+    from the solution.
     """
     count = problem.settings.tuning.defect_ordinates
     rng = np.random.default_rng([problem.settings.seed, 2])  # independent of all other ordinates
-    defect = sweeper.defect(solution.source, problem.ordinates(sweeper, count, rng))
-    if solution.residual is not None:
-        defect -= solution.residual[: problem.medium.needs.boundaries].sum(axis=0)
+    rays = problem.ordinates(sweeper, count, rng)
+    defect = sweeper.defect(solution.source, rays, solution.residual, scattered=scattered)
     return replace(solution, residual=None), defect

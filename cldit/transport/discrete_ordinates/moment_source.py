@@ -17,14 +17,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cldit.arrays import Floats, Reals
+from cldit.arrays import Floats
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import phase_coefficients
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
 from cldit.transport.discrete_ordinates.iteration import Moments, SolvedSource
-from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
@@ -34,7 +33,7 @@ class FinalSource:
     """Input of the final sweeps.
 
     sweeper: of these sweeps, with the source.
-    medium, source: the swept cells, and their source.
+    medium, source: the swept cells, and their source, the sweeper's present one.
     solution, defect: of the solver's medium, as in `SolvedSource`; the defect is (N,).
     programs: built so far.
     sweeps: ordinates that another sweeper has swept.
@@ -59,8 +58,8 @@ def moment_source(
     light = solved.light
     if light is None:
         assert solved.sweeper is not None
-        source = Moments(solved.solution.source, None)
-        solved.sweeper.set_source(source.angular, shining=True)
+        solved.sweeper.set_source(solved.solution.source, shining=True)
+        source = Moments(solved.sweeper.source, None)
         return FinalSource(
             solved.sweeper,
             problem.medium,
@@ -78,45 +77,29 @@ def moment_source(
         programs = (*programs, program)
         for _ in range(times):
             source = _scattered(problem, sweeper, light)
-            sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
-            ordinates = problem.ordinates(sweeper, problem.moment_ordinates, rng)
-            more = sweeper.moments(program, ordinates, out=light.angular, room=solved.scratch)
-            if more is not None and source.gradient is not None:
-                light = replace(light, gradient=source.gradient + more)
+            gradient = sweeper.moments(
+                program,
+                problem.ordinates(sweeper, problem.moment_ordinates, rng),
+                out=light.angular,
+                room=solved.scratch,
+                since=source.gradient,
+            )
+            light = replace(light, gradient=gradient)
     source = _scattered(problem, sweeper, light)
-    sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
     return FinalSource(
         sweeper, medium, source, solved.solution, solved.defect, programs, solved.sweeps
     )
 
 
-def limited_gradient(sweeper: Sweeper, light: Reals, source: Reals) -> Reals:
-    """Gradient (3, C, K) of the source in the sweeper's linear cells, limited to positive sources.
-
-    `light` (3, C, K) is the gradient of the radiance there, and `source` (C or more, N) the source
-    of all scattering cells, the mean first.
-    """
-    cells = sweeper.linear_cells
-    gradient = sweeper.albedo.astype(light.dtype)[cells] * light
-    limit(gradient, source[: sweeper.components, cells], sweeper.boundaries)
-    return np.asarray(gradient)
-
-
 def _scattered(problem: SweepProblem, sweeper: Sweeper, light: Moments) -> Moments:
     """Source of this radiance, scattered by a phase function of three Legendre moments.
 
-    Its `angular` is (M C, N), as sweeps need it.
+    It is the sweeper's present one.
     """
-    albedo = sweeper.albedo.astype(light.angular.dtype)
-    source = albedo * light.angular
-    source[0] += sweeper.thermal
+    ratios = None
     if problem.settings.phase is not None:
         moments = phase_moments(problem.medium, problem.settings.phase, 3)
         forward = problem.forward_fraction
         _, first, second = (moments - forward) / (1.0 - forward)
-        ratios = phase_coefficients(first, second).astype(source.dtype)
-        source[1:] *= ratios[:, None, :]
-    gradient = None
-    if light.gradient is not None:
-        gradient = limited_gradient(sweeper, light.gradient, source[0])
-    return Moments(np.asarray(source.reshape(-1, sweeper.count)), gradient)
+        ratios = phase_coefficients(first, second)
+    return Moments(sweeper.source, sweeper.scatter(light.angular, light.gradient, ratios))

@@ -3,18 +3,24 @@
 kernels/source_update.cl moves values between the list and the swept box.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import download, zeros
+from cldit.gpu.buffers import download, unset, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
+from cldit.transport.discrete_ordinates.cell_packets import PACKET
 from cldit.transport.discrete_ordinates.sweep_arrays import Real
 
 _GROUP = 256  # of the kernels with one work-item for each cell
+
+Boxes = Mapping[bool, Any]  # buffers by order of packets: along x, and turned
+Orders = tuple[bool, ...]
+BOTH: Orders = (False, True)
 
 
 @dataclass(frozen=True)
@@ -55,36 +61,41 @@ class ScatteringCells:
             group = min(_GROUP, self.kernels.largest_group(kernel))
             self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
-    def put(self, into: Any, place: Any, *, planes: int) -> None:
-        """Puts the source into a box; `into` is its buffer, `place` that of the cells' places."""
-        self.put_list(self.source, into, place, planes=planes, count=self.count)
+    def put(self, listed: Any, boxes: Boxes, places: Boxes, orders: Orders, **size: int) -> None:
+        """Puts a list (planes, count) into the boxes of these orders of packets.
 
-    def put_list(self, listed: Any, into: Any, place: Any, *, planes: int, count: int) -> None:
-        """Puts a list (planes, count) into a box as `put`."""
-        arguments = {"source": into, "listed": listed, "place": place, "planes": planes}
-        self.run("set_source", {"count": count}, **arguments)
-
-    def collect(
-        self, out: Any, box: Any, place: Any, *, turned: bool, planes: int, count: int | None = None
-    ) -> None:
-        """Collects planes of a box into a list.
-
-        Args:
-            out: buffer of the list (planes, count).
-            box, place: buffers of the box, and of the cells' places in it.
-            turned: adds to the list, after the other order of packets.
+        `places` are the listed cells' places in either box; `size` has `planes` and `count`.
         """
-        self.run(
-            "collect_i_minus_s",
-            {"count": self.count if count is None else count},
-            high=planes,
-            out=out,
-            box=box,
-            place=place,
-            more=int(turned),
-            planes=planes,
-        )
+        named = {"source": boxes[False], "source_turned": boxes[True], "listed": listed}
+        self._move("set_source", named, places, orders, **size)
 
-    def read(self, listed: Any) -> NDArray[Any]:
-        """Downloads the first C planes (C, N) of a list."""
-        return download(self.device, listed, np.empty((self.components, self.count), self.real))
+    def collect(self, out: Any, boxes: Boxes, places: Boxes, orders: Orders, **size: int) -> None:
+        """Collects planes of the boxes of these orders into a list, with arguments as of `put`.
+
+        The turned order alone adds to the list, which has the other order's.
+        """
+        named = {"out": out, "box": boxes[False], "box_turned": boxes[True]}
+        self._move("collect_i_minus_s", named, places, orders, high=size["planes"], **size)
+
+    def _move(
+        self, kernel: str, buffers: dict[str, Any], places: Boxes, orders: Orders, *,
+        planes: int, count: int, high: int = 1,
+    ) -> None:  # fmt: skip
+        bits = sum(1 << turned for turned in orders)
+        at = {"place": places[False], "turned": places[True]}
+        arguments = {**buffers, **at, "orders": bits, "planes": planes}
+        self.run(kernel, {"count": count}, high=high, **arguments)
+
+    @property
+    def stride(self) -> int:
+        """Numbers of a component in a vector: whole packets."""
+        return -(-self.count // PACKET) * PACKET
+
+    def unset(self, planes: int) -> Any:
+        """Buffer of a list (planes, N)."""
+        return unset(self.device, "list", planes * self.count, self.real)
+
+    def read(self, listed: Any, planes: int | None = None) -> NDArray[Any]:
+        """Downloads the first planes (P, N) of a list; None: all components of the first moment."""
+        rows = self.components if planes is None else planes
+        return download(self.device, listed, np.empty((rows, self.count), self.real))

@@ -10,6 +10,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.gpu.buffers import clear, download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
@@ -25,7 +26,12 @@ from cldit.transport.discrete_ordinates.gradients import Gradients
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
-from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
+from cldit.transport.discrete_ordinates.scattering_cells import (
+    BOTH,
+    Boxes,
+    Orders,
+    ScatteringCells,
+)
 from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
 from cldit.transport.tuning import Tuning
@@ -37,6 +43,7 @@ _TOGETHER = 32  # ordinates of a schedule; more would need more memory for rays
 _EDGE = 16  # largest number of rows and layers of a tile, for the cache of a CPU core
 _TILES = 4  # smallest mean number for each core in a launch
 _GROUP = 32  # rays of a row that a group of work-items follows
+_APART = 1 / 32  # share of the memory up to which either order of packets has a box of its own
 
 
 class Sweeper:
@@ -113,10 +120,13 @@ class Sweeper:
             )
             for turned, packets in self.packets.items()
         }
-        self._i_minus_s, self._listed = self.room(1)
-        most = max(packets.cells for packets in self.packets.values())
-        self._source = unset(device, "source", self._planes * most, real)
-        self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
+        self._places = {turned: order.place for turned, order in self._order.items()}
+        self._linear_places = {turned: o.gradient_place for turned, o in self._order.items()}
+        number_bytes = np.dtype(real).itemsize + np.dtype(self.sum_type).itemsize
+        packed = sum(packets.cells for packets in self.packets.values())
+        self._apart = packed * self._planes * number_bytes < _APART * device.info.memory_bytes
+        self._emits: tuple[bool, bool] | None = None
+        self._source = self._boxes("source", self._planes, real)
         self._shining = False
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
@@ -147,6 +157,7 @@ class Sweeper:
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
+        self._linear = upload(device, "linear cells", self.linear_cells.astype(np.int32))
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
         self.one_minus_lambda: NDArray[Any] = (cells.coalbedo + cells.albedo * escapes).astype(real)
         self._one_minus_lambda = upload(device, "1 - Lambda*", self.one_minus_lambda)
@@ -158,6 +169,7 @@ class Sweeper:
             count=self.count,
             real=real,
         )
+        self._i_minus_s, self._listed = self.room(1)
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
 
@@ -169,28 +181,28 @@ class Sweeper:
 
     def set_source(
         self,
-        listed: NDArray[Any] | None,
+        listed: Any,
         *,
         shining: bool,
-        gradient: NDArray[Any] | None = None,
+        gradient: Any = None,
     ) -> None:
         """Sets the source of the scattering cells for every sweep that follows.
 
         Args:
-            listed: (C, N), with MOMENT_SOURCE (9 C, N); None: a kernel has put it into the list.
+            listed: list (C, N), with MOMENT_SOURCE (9 C, N), or an array of it; None: a kernel has
+                put it into `source`.
             shining: all other cells have their thermal source; else they are black.
-            gradient: (3, C, K) of the isotropic part in `linear_cells`, unless neighbours give it.
+            gradient: (3, C, K) of the isotropic part in `linear_cells`, on the device or an array,
+                unless neighbours give it.
         """
         self._shining = shining
         if listed is not None:
-            self._given = np.ascontiguousarray(listed, self.real)
-            cl.enqueue_copy(self.device.queue, self._cells.source, self._given)
+            given = self.listed(listed)
+            cl.enqueue_copy(self.device.queue, self.source, given, byte_count=given.size)
         if gradient is not None:
-            planes = gradient.reshape(-1, len(self.linear_cells)).astype(self.real)
-            given = upload(self.device, "spatial gradient", planes)
-            for order in self._order.values():
-                place, (many, count) = order.gradient_place, planes.shape
-                self._cells.put_list(given, order.gradient, place, planes=many, count=count)
+            boxes = {turned: order.gradient for turned, order in self._order.items()}
+            some = {"planes": 3 * self.components, "count": len(self.linear_cells)}
+            self._cells.put(self.listed(gradient), boxes, self._linear_places, BOTH, **some)
         if self._neighbours:
             straight, turned = self._order[False], self._order[True]
             self._cells.run(
@@ -204,43 +216,65 @@ class Sweeper:
                 **self._neighbours,
             )
 
-    def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
-        """Puts the source into the box in one order of packets; `cavity`: all others emit 1."""
-        clear(self.device, self._source, self._planes * order.packets.cells, self.real)
-        if self.components > self.boundaries and self._shining:
-            self._cells.run(
-                "emit",
-                {"packets": len(order.packets)},
-                source=self._source,
-                thermal=order.thermal,
-                cavity=int(cavity),
-                planes=self._planes,
-            )
-        self._cells.put(self._source, order.place, planes=self._planes)
+    @property
+    def source(self) -> Any:
+        """List of the present source, with MOMENT_SOURCE of all moments."""
+        return self._cells.source
+
+    def listed(self, values: Any) -> Any:
+        """Uploads an array in the device's precision, unless it is on the device."""
+        on_device = isinstance(values, cl.MemoryObject)
+        return values if on_device else upload(self.device, "list", values.astype(self.real))
+
+    def unset_light(self, moments: int) -> Any:
+        """List for so many angular moments of all components."""
+        return self._cells.unset(moments * self.components)
+
+    def read(self, listed: Any, moments: int = 1) -> NDArray[Any]:
+        """Downloads the first moments (M C, N) of a list."""
+        return self._cells.read(listed, moments * self.components)
+
+    def read_gradient(self, gradient: Any) -> NDArray[Any]:
+        """Downloads a gradient (3, C, K) in `linear_cells`."""
+        out = np.empty((3, self.components, len(self.linear_cells)), self.real)
+        return download(self.device, gradient, out)
+
+    def _fill(self, orders: Orders, *, cavity: bool) -> None:
+        """Puts the source into the boxes of these orders; `cavity`: all other cells emit 1.
+
+        A box of its own keeps the emission of the other cells from sweep to sweep.
+        """
+        if not self._apart or self._emits != (self._shining, cavity):
+            for order in (self._order[turned] for turned in orders):
+                box = self._source[order.turned]
+                clear(self.device, box, self._planes * order.packets.cells, self.real)
+                if self.components > self.boundaries and self._shining:
+                    self._cells.run(
+                        "emit",
+                        {"packets": len(order.packets)},
+                        source=box,
+                        thermal=order.thermal,
+                        cavity=int(cavity),
+                        planes=self._planes,
+                    )
+            self._emits = (self._shining, cavity)
+        some = {"planes": self._planes, "count": self.count}
+        self._cells.put(self.source, self._source, self._places, orders, **some)
+
+    def _boxes(self, what: str, planes: int, dtype: type[np.generic]) -> Boxes:
+        """Buffer of either order's box; the orders share one if memory is short."""
+        sizes = {turned: planes * packets.cells for turned, packets in self.packets.items()}
+        if self._apart:
+            return {turned: unset(self.device, what, sizes[turned], dtype) for turned in BOTH}
+        return dict.fromkeys(BOTH, unset(self.device, what, max(sizes.values()), dtype))
 
     def room(self, moments: int) -> tuple[Any, ...]:
-        """Buffers for so many angular moments of I - S, in the box and in the list.
+        """Buffers for so many angular moments of I - S, in the boxes and in the list.
 
         Sweeps clear and write them. All sweepers of this box can share them.
         """
         planes = moments * self.components
-        most = max(packets.cells for packets in self.packets.values())
-        return (
-            unset(self.device, "I - S", planes * most, self.sum_type),
-            unset(self.device, "list", planes * self.count, self.real),
-        )
-
-    def _answer(self, kernel: str, **arguments: Any) -> NDArray[Any]:
-        """Result (C, N) of a kernel of source_update.cl on the source and I - S of the list."""
-        self._cells.run(
-            kernel,
-            {"count": self.count},
-            out=self._out,
-            i_minus_s=self._listed,
-            listed=self._cells.source,
-            **arguments,
-        )
-        return self._cells.read(self._out)
+        return self._boxes("I - S", planes, self.sum_type), self._cells.unset(planes)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
         """Ordinates on the device, for any number of sweeps.
@@ -270,10 +304,11 @@ class Sweeper:
         program: Program,
         rays: DeviceOrdinates,
         *,
-        out: NDArray[Any],
+        out: Any,
         room: tuple[Any, ...] = (),
         interfaces: InterfaceRadiance | None = None,
-    ) -> NDArray[Any] | None:
+        since: Any = None,
+    ) -> Any:
         """Sweeps all ordinates for the angular moments of the radiance in the scattering cells.
 
         Moments beyond the mean are those of the radiance less its mean, which are 0 for isotropic
@@ -281,33 +316,108 @@ class Sweeper:
 
         Args:
             program: sweep.cl, for 9 moments with ANGULAR_MOMENTS.
-            out: (9 or 1, C, N) receives the moments.
+            out: list (9 or 1, C, N), which receives the moments.
             room: buffers of `room(MOMENTS)`, with ANGULAR_MOMENTS.
             interfaces: receives the stored radiance, with INTERFACE_RADIANCE.
+            since: gradient (3, C, K) of the source on the device, which is added to the result.
 
         Returns:
-            With SPATIAL_MOMENTS the gradient (3, C, K) of I - S in `linear_cells`, else None.
+            With SPATIAL_MOMENTS the gradient (3, C, K) of I - S in `linear_cells` on the device,
+            else None.
         """
         many = self.components * (MOMENTS if "ANGULAR_MOMENTS" in program.defines else 1)
         i_minus_s, listed = (self._i_minus_s, self._listed) if many == self.components else room
         gradient = self._sweep_all(
             program, rays, True, i_minus_s, listed, many, interfaces=interfaces
         )
-        download(self.device, listed, out[: many // self.components])
         weight = rays.directions.weight
-        if many > self.components:
-            of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
-            for moment, offset in zip(out[1:], of_isotropic, strict=True):
-                moment -= self.real(offset) * out[0]
-        out[0] += self.real(weight.sum()) * self._given[: self.components]
-        return None if gradient is None else gradient * self.real(_PER_MOMENT / weight.sum())
+        of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
+        offsets = None if many == self.components else of_isotropic
+        self._radiance(out, listed, offsets, weight=float(weight.sum()))
+        if gradient is not None:
+            self._cells.run(
+                "radiance_gradient",
+                {"count": 3 * self.components * len(self.linear_cells)},
+                gradient=gradient,
+                source_gradient=gradient if since is None else since,
+                scale=float(_PER_MOMENT / weight.sum()),
+                since=int(since is not None),
+            )
+        return gradient
+
+    def _radiance(self, out: Any, listed: Any, offsets: Reals | None, *, weight: float) -> None:
+        """Moments of the radiance from those of I - S; `offsets` (8,) of radiance 1, or None."""
+        self._cells.run(
+            "radiance_moments",
+            {"count": self.count},
+            high=self.components,
+            out=out,
+            i_minus_s=listed,
+            listed=self.source,
+            offsets=self.listed(np.zeros(1) if offsets is None else offsets),
+            weight=weight,
+            moments=1 if offsets is None else MOMENTS,
+        )
+
+    def _scatter(self, out: Any, light: Any, ratios: Reals | None) -> None:
+        """Source of radiance that scatters, see `scatter`."""
+        table = np.zeros((1, 1)) if ratios is None else ratios
+        self._cells.run(
+            "scattered_source",
+            {"count": self.count},
+            high=self.components,
+            listed=out,
+            light=light,
+            emission=self._emission,
+            albedo=self._albedo,
+            ratios=self.listed(table),
+            alike=int(table.shape[1] == 1),
+            moments=1 if ratios is None else MOMENTS,
+        )
+
+    def scatter(self, light: Any, gradient: Any, ratios: Reals | None) -> Any:
+        """Makes the radiance, scattered once more, the source of the sweeps that follow.
+
+        Args:
+            light: list (M, C, N) of its angular moments.
+            gradient: its spatial gradient (3, C, K) on the device; None: there is none.
+            ratios: (8, N) or (8, 1) of the source's moments to the radiance's, over the albedo;
+                None: the mean is the only moment.
+
+        Returns:
+            Limited gradient (3, C, K) of the source on the device, or None.
+        """
+        self._scatter(self.source, light, ratios)
+        limited = None if gradient is None else self.limited_gradient(gradient, self.source)
+        self.set_source(None, shining=True, gradient=limited)
+        return limited
+
+    def limited_gradient(self, light: Any, source: Any) -> Any:
+        """Gradient (3, C, K) of the source in the linear cells, limited to positive sources.
+
+        `light` (3, C, K) is the gradient of the radiance there, and `source` (C or more, N) the
+        source of all scattering cells, the mean first; both on the device or arrays.
+        """
+        count = len(self.linear_cells)
+        out = unset(self.device, "spatial gradient", 3 * self.components * count, self.real)
+        self._cells.run(
+            "limited_gradients",
+            {"count": count},
+            gradient=out,
+            light_gradient=self.listed(light),
+            listed=self.listed(source),
+            albedo=self._albedo,
+            linear=self._linear,
+            cells=self.count,
+        )
+        return out
 
     def _sweep_all(
         self,
         program: Program,
         rays: DeviceOrdinates,
         shining: bool,
-        i_minus_s: Any,
+        i_minus_s: Boxes,
         listed: Any,
         planes: int,
         camera: CameraSweep | None = None,
@@ -315,52 +425,49 @@ class Sweeper:
         interfaces: InterfaceRadiance | None = None,
         more: Mapping[str, Any] | None = None,
         cavity: bool = False,
-    ) -> NDArray[Any] | None:
-        """Sweeps all ordinates, one order of packets after the other.
+    ) -> Any:
+        """Sweeps all ordinates, both orders of packets at once if they have boxes of their own.
 
-        Both orders share the buffer `i_minus_s`; `listed` receives its planes for the scattering
-        cells. Returns, with SPATIAL_MOMENTS, the moments (3, C, K) of I - S in `linear_cells`.
+        `listed` receives the planes of the boxes `i_minus_s` for the scattering cells. Returns,
+        with SPATIAL_MOMENTS, the moments (3, C, K) of I - S in `linear_cells` on the device.
         """
-        spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
-        for turned, order in self._order.items():
-            self._fill(order, cavity=cavity)
-            clear(self.device, i_minus_s, planes * order.packets.cells, self.sum_type)
-            if spatial:
-                clear(self.device, spatial[0], 3 * order.linear_size, self.sum_type)
-            if camera is not None:
-                clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
-            linear: dict[str, Any] = {}
-            if "LINEAR_SOURCE" in program.defines:
-                linear["gradient"] = order.gradient
-            if spatial:
-                linear["spatial_moments"] = spatial[0]
-            for schedule, tables, basis in rays.sweep_schedules:
-                if schedule.layout.turned is turned:
-                    arguments = {"i_minus_s": i_minus_s, **tables, **linear, **(more or {})}
-                    arguments |= basis if spatial else {}
+        spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else None
+        parts = {"planes": planes, "count": self.count}
+        some = {"planes": 3 * self.components, "count": len(self.linear_cells)}
+        linear = "LINEAR_SOURCE" in program.defines
+        for orders in (BOTH,) if self._apart else ((False,), (True,)):
+            self._fill(orders, cavity=cavity)
+            for order in (self._order[turned] for turned in orders):
+                box, turned = i_minus_s[order.turned], order.turned
+                clear(self.device, box, planes * order.packets.cells, self.sum_type)
+                own = {"i_minus_s": box, **({"gradient": order.gradient} if linear else {})}
+                if spatial is not None:
+                    own["spatial_moments"] = spatial[0][turned]
+                    clear(self.device, spatial[0][turned], 3 * order.linear_size, self.sum_type)
+                if camera is not None:
+                    clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
+                for schedule, tables, basis in rays.sweep_schedules:
+                    if schedule.layout.turned is not turned:
+                        continue
+                    arguments = {**own, **tables, **(more or {})}
+                    arguments |= {} if spatial is None else basis
                     if camera is not None:
                         arguments |= camera.arguments(schedule.layout)
                     if interfaces is not None:
                         arguments |= interfaces.arguments(schedule.layout)
                     self._launch(program, schedule, shining, arguments)
-            self._cells.collect(listed, i_minus_s, order.place, turned=turned, planes=planes)
-            if spatial:
-                some, count = (spatial[1], spatial[0], order.gradient_place), len(self.linear_cells)
-                self._cells.collect(*some, turned=turned, planes=3 * self.components, count=count)
+            self._cells.collect(listed, i_minus_s, self._places, orders, **parts)
+            if spatial is not None:
+                self._cells.collect(spatial[1], spatial[0], self._linear_places, orders, **some)
         self.sweeps += len(rays.directions)
-        if not spatial:
-            return None
-        out = np.empty((3, self.components, len(self.linear_cells)), self.real)
-        return download(self.device, spatial[1], out)
+        return None if spatial is None else spatial[1]
 
-    def _spatial_room(self) -> tuple[Any, Any]:
+    def _spatial_room(self) -> tuple[Boxes, Any]:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
-        most = 3 * max(order.linear_size for order in self._order.values())
+        sizes = {turned: 3 * order.linear_size for turned, order in self._order.items()}
         listed = 3 * self.components * len(self.linear_cells)
-        return (
-            unset(self.device, "I - S", most, self.sum_type),
-            unset(self.device, "list", listed, self.real),
-        )
+        boxes = {t: unset(self.device, "I - S", size, self.sum_type) for t, size in sizes.items()}
+        return boxes, unset(self.device, "list", listed, self.real)
 
     def _launch(
         self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
@@ -377,7 +484,7 @@ class Sweeper:
             "packets": order.rows,
             "begins": order.begins,
             "depth": order.depth,
-            "source": self._source,
+            "source": self._source[layout.turned],
             "layout": int(layout.number),
             "nu": nu,
             "nv": nv,
@@ -404,22 +511,33 @@ class Sweeper:
             {**self._rays, "ray_rows": int(layout.ray_rows), **shared},
         )
 
-    def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
+    def defect(
+        self, solution: Any, rays: DeviceOrdinates, residual: Any = None, *, scattered: bool = False
+    ) -> NDArray[np.float64]:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
-        The cells emit 1 less the boundary's part of their source `listed` (C, N); all other cells
-        emit 1.
+        The cells emit 1 less the boundary's part of their source `solution` (C, N), a list; all
+        other cells emit 1. The boundary's part of the vector `residual`, which with `scattered` is
+        scattered once more, is removed from it.
         """
-        b, real = self.boundaries, self.real
-        parts = np.zeros((self.components, self.count), real)
-        parts[:b] = listed[:b]
-        if self.components > b:
-            parts[b] = 1.0 - listed[:b].sum(axis=0)
-        self.set_source(parts, shining=True)
+        self._cells.run(
+            "cavity_source", {"count": self.count}, listed=self.source, solution=solution
+        )
+        self.set_source(None, shining=True)
         self.sweep(rays, shining=True, cavity=True)
-        total = self._cells.read(self._listed).sum(axis=0, dtype=np.float64)
-        missing = parts.sum(axis=0, dtype=np.float64) - 1.0
-        return np.asarray(total / rays.directions.weight.sum() + missing)
+        self._cells.run(
+            "cavity_defect",
+            {"count": self.count},
+            out=self._out,
+            i_minus_s=self._listed,
+            listed=self.source,
+            residual=self.source if residual is None else residual,
+            albedo=self._albedo,
+            weight=float(rays.directions.weight.sum()),
+            times=-1 if residual is None else int(scattered),
+            stride=self._cells.stride,
+        )
+        return np.asarray(self._cells.read(self._out, 1)[0], np.float64)
 
     def view_weighted_mean(
         self,
@@ -439,48 +557,79 @@ class Sweeper:
         gradient = self._sweep_all(
             camera.program, rays, True, *room, camera, interfaces=interfaces, more=more
         )
-        mean = self._answer(
+        self._cells.run(
             "weighted_mean",
+            {"count": self.count},
+            out=self._out,
+            i_minus_s=self._listed,
+            listed=self.source,
             shares=camera.shares[False],
             shares_turned=camera.shares[True],
             place=self._order[False].place,
             turned=self._order[True].place,
         )
+        mean = self._cells.read(self._out)
         if gradient is None:
             return mean, None
-        for turned, order in self._order.items():
-            weights = camera.shares[turned]
-            self._cells.collect(self._out, weights, order.place, turned=turned, planes=1)
+        one = {"planes": 1, "count": self.count}
+        self._cells.collect(self._out, camera.shares, self._places, BOTH, **one)
         shares = download(self.device, self._out, np.empty(self.count, self.real))[
             self.linear_cells
         ]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
-        return mean, self.real(_PER_MOMENT) * share * gradient
+        return mean, self.real(_PER_MOMENT) * share * self.read_gradient(gradient)
 
     def krylov(self) -> KrylovSpace:
         """Empty Krylov space of the scattering cells, which sets the source."""
         return KrylovSpace(self._cells, self.opacity)
 
-    def residual(self, space: KrylovSpace, out: Any, *, shining: bool, listed: Any = None) -> None:
+    def residual(
+        self, space: KrylovSpace, out: Any, *, shining: bool, listed: Any = None, number: int = 0
+    ) -> None:
         """Writes the preconditioned residual after a sweep of the present source to `out`.
 
-        With `shining` the emission counts. `out` is a vector of `space`; `listed` is the list of
-        `room` with D; None: the sweeper's own.
+        With `shining` the emission counts. `out` is a vector of `space`, with the first `number`
+        vectors of which it is multiplied; `listed` is the list of `room` with D; None: the
+        sweeper's own.
         """
-        self._cells.run(
-            "residual",
-            {"count": self.count},
-            out=out,
+        space.residual(
+            out,
+            number=number,
             i_minus_s=self._listed if listed is None else listed,
-            listed=self._cells.source,
             emission=self._emission,
             albedo=self._albedo,
             coalbedo=self._coalbedo,
             one_minus_lambda=self._one_minus_lambda,
             shine=float(shining),
-            stride=space.stride,
         )
 
-    def next_order(self) -> NDArray[Any]:
-        """Source a (S + D) + E, (C, N), after one more scattering (Lambda iteration)."""
-        return self._answer("next_order", emission=self._emission, albedo=self._albedo)
+    def corrected(
+        self, space: KrylovSpace, solution: Any, light: Any = None, residual: Any = None
+    ) -> Any:
+        """List (C, N) of a solution with the corrections of `space`.
+
+        The mean radiance of the list `light` gets what these add; `residual` is the vector before.
+        """
+        out = self.unset_light(1)
+        self._cells.run(
+            "correct",
+            {"count": self.count},
+            high=self.components,
+            out=out,
+            light=out if light is None else light,
+            solution=solution,
+            onto=space.onto,
+            first=space.onto if light is None else residual,
+            albedo=self._albedo,
+            one_minus_lambda=self._one_minus_lambda,
+            lit=int(light is not None),
+            stride=space.stride,
+        )
+        return out
+
+    def next_order(self) -> Any:
+        """List of the source a (S + D) + E, (C, N), after one more scattering."""
+        out = self.unset_light(1)
+        self._radiance(out, self._listed, None, weight=1.0)
+        self._scatter(out, out, None)
+        return out

@@ -18,7 +18,7 @@ Real = type[np.float32] | type[np.float64]
 class SweepArrays:
     """Cell packets of the box in one order of axes, and device arrays of them.
 
-    rows, begins: packets of rows, and their cells, see kernels/sweep.cl.
+    turned: packets along y. rows, begins: packets of rows, and their cells, see kernels/sweep.cl.
     place: places of the N scattering cells among the cells of all packets.
     depth: optical depth of the cells' edges.
     thermal: thermal sources, [emitter][cell].
@@ -27,6 +27,7 @@ class SweepArrays:
     """
 
     packets: CellPackets
+    turned: bool
     rows: Any
     begins: Any
     place: Any
@@ -68,6 +69,7 @@ class SweepArrays:
         linear_size = len(some) * PACKET * len(cells.needs.components)
         return cls(
             packets=packets,
+            turned=turned,
             rows=upload(device, "packets of rows", packets.number if by_ray else packets.first),
             begins=upload(device, "packets", np.column_stack([packets.along, number])),
             place=upload(device, "places", place),

@@ -6,11 +6,12 @@ import numpy as np
 
 from cldit.arrays import Reals
 from cldit.gpu.program import Program
+from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
-from cldit.transport.discrete_ordinates.iteration import Moments
-from cldit.transport.discrete_ordinates.moment_source import FinalSource, limited_gradient
+from cldit.transport.discrete_ordinates.moment_source import FinalSource
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
+from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.thick_region import ThickRegion
 
 
@@ -50,15 +51,18 @@ def records(
     its gradient in the linear cells; None: it was not accumulated.
     """
     sweeper, source, order = final.sweeper, final.source, problem.settings.order
+    moments = 1 if problem.settings.phase is None else MOMENTS
+    angular, known = sweeper.read(source.angular, moments), None
+    if source.gradient is not None:
+        known = sweeper.read_gradient(source.gradient)
     if order is None and gradient is not None:
-        source = _updated(problem, final, light, gradient)
-    known = source.gradient
+        angular, known = _updated(problem, sweeper, angular, known, light=light, gradient=gradient)
     if known is None and sweeper.gradients is not None:
-        known = sweeper.gradients(source.angular[: sweeper.components])
+        known = sweeper.gradients(angular[: sweeper.components])
     return region.records(
         problem.medium,
         final.medium,
-        source.angular,
+        angular,
         known,
         sweeper.linear_cells,
         path_depth=problem.settings.path_depth if order is None else None,
@@ -68,21 +72,23 @@ def records(
 
 def _updated(
     problem: SweepProblem,
-    final: FinalSource,
+    sweeper: Sweeper,
+    angular: Reals,
+    known: Reals | None,
+    *,
     light: Reals,
     gradient: Reals,
-) -> Moments:
-    """Source from the radiance of the final sweeps.
+) -> tuple[Reals, Reals]:
+    """Source and its gradient from the radiance of the final sweeps.
 
     With a phase function these give only the source to the camera, so the mean is not updated.
     """
-    sweeper, angular, known = final.sweeper, final.source.angular, final.source.gradient
-    isotropic = problem.settings.phase is None
+    isotropic, source = problem.settings.phase is None, sweeper.source
     if isotropic:
-        angular = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
-    updated = limited_gradient(sweeper, gradient, angular)
+        source = angular = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
+    updated = sweeper.read_gradient(sweeper.limited_gradient(gradient, source))
     if not isotropic and known is not None:
         depth = problem.medium.depth[problem.medium.address[sweeper.linear_cells]]
         # The radiance towards the camera does not give the gradients of thicker cells.
         updated = np.where(depth < problem.settings.tuning.gradient_depth, updated, known)
-    return Moments(angular, updated)
+    return angular, updated

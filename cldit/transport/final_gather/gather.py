@@ -8,11 +8,13 @@ Illumination using Photon Maps, Rendering Techniques 1996; kernels/gather.cl).
 """
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
-from cldit.arrays import Floats, Ints, Reals
-from cldit.transport.final_gather.paths import PathSampler
+from cldit.arrays import Floats, Ints
+from cldit.transport.final_gather.paths import ChosenRays, GatherPaths, PathSampler
+from cldit.transport.image import ThickPixels
 
 
 def neyman_allocation(energy: Floats, had: Ints, size: Ints, *, allowed: float) -> Ints:
@@ -51,56 +53,60 @@ class Gather:
         self._spent, self._rays = 0.0, 0  # segments and rays of all calls
         self.short = ""
 
-    def __call__(
-        self,
-        pixels: Ints,
-        across: int,
-        seen: Reals,
-        other: int,
-    ) -> Floats:
+    def __call__(self, groups: Sequence[ThickPixels]) -> list[Floats]:
         """Traces paths until their noise in T_app is `noise_share` of accuracy_K, or to a limit.
 
         The limits are `max_samples` per pixel, and `paths` and `path_segments` in total. Rounds
-        sample the tiles where they reduce the variance most. Light that diffuses takes paths of
-        unknown length, so that the first round has one in each half.
-
-        Args:
-            pixels: (N,) flat numbers.
-            across: across^2 rays go through each pixel.
-            seen: (C, N) weights of the rest of the image.
-            other: number of pixels with a T_app that see no thick cell.
+        sample the tiles where they reduce the variance most; the first rounds of all groups are
+        one.
 
         Returns:
-            Means (2, C + 1, N) of two independent sets of paths, the part WITHIN last.
+            Means (2, C + 1, N) for each group, of two independent sets of paths, the part WITHIN
+            last.
         """
+        start = time.perf_counter()
+        paths = self.sampler.paths(groups)
+        rays = np.cumsum([0, *(len(each.pixels) * each.across**2 for each in groups)])
+        chosen = []
+        for each, before in zip(groups, rays[:-1], strict=True):
+            near = np.argsort(self._tiles(each.pixels), kind="stable")  # they cross the same cells
+            chosen.append(ChosenRays(near, each.across, int(before), self._first(each)))
+        found = self.sampler.means(paths, chosen)
+        out = [self._refined(paths, *each) for each in zip(groups, chosen, found, strict=True)]
+        self.seconds += time.perf_counter() - start
+        return out
+
+    def _first(self, group: ThickPixels) -> int:
+        """Paths of a ray in either half, in the first round.
+
+        Light that diffuses takes paths of unknown length: one in each half.
+        """
+        rays, tuning = group.across**2, self._settings.tuning
+        size = 1 if self.sampler.diffusive else max(tuning.first_samples // rays, 1)
+        while size > 1 and 2 * size * rays * len(group.pixels) > tuning.paths / 4:
+            size //= 2
+        return size
+
+    def _refined(
+        self,
+        paths: list[GatherPaths],
+        group: ThickPixels,
+        first: ChosenRays,
+        found: tuple[Floats, float],
+    ) -> Floats:
+        """Means of a group by the rounds that follow the first, in which `found` was found."""
         cells, wanted = self._image.cells, self._settings.accuracy_K
         temperature = cells.temperature(self._image.scene, visible=self._settings.visible)
         half_as_bright = 0.5 * cells.hottest
-        start = time.perf_counter()
+        pixels, seen, near, across = group.pixels, group.seen, first.pixels, group.across
         count, most = len(pixels), self._settings.max_samples
         tuning = self._settings.tuning
-        paths = self.sampler.paths(pixels, across)
-        sums = np.zeros((2, self.sampler.components, count))
-        samples = np.zeros(count, np.int64)  # of either half, in each of a pixel's rays
         tiles = self._tiles(pixels)
-        near = np.argsort(tiles, kind="stable")  # paths of a tile cross the same cells
         before = self._image.view.on_background(pixels)
-        size = 1 if self.sampler.diffusive else max(tuning.first_samples // across**2, 1)
-        self.sampler.segments = 0.0
-        while size > 1 and 2 * size * across**2 * count > tuning.paths / 4:
-            size //= 2
-        wanted_of = np.full(count, size)
+        sums = np.empty((2, self.sampler.components, count))
+        sums[:, :, near], segments = first.samples * found[0], found[1]
+        samples = np.full(count, first.samples)  # of either half, in each of a pixel's rays
         while True:
-            # Pixels with equal numbers of paths continue with the same points.
-            for pair in np.unique(samples << 32 | wanted_of):
-                had, goal = divmod(int(pair), 1 << 32)
-                mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
-                for half, total in enumerate(sums):
-                    if goal > had:
-                        some = range(had, goal)
-                        found = self.sampler.means(paths, mine, across, some, half)
-                        total[:, mine] += (goal - had) * found
-            samples = wanted_of
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
             # The trace must be accurate for any wall temperature: for that of the scene, and for
@@ -116,7 +122,7 @@ class Gather:
             error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
             energy = np.bincount(tiles, error_K**2).astype(np.float64)
             counted = before & (1 - (seen + mean[:-1])[0] > temperature.visible)
-            visible = max(int(np.count_nonzero(counted)) + other, 1)
+            visible = max(int(np.count_nonzero(counted)) + group.other, 1)
             allowed = visible * (tuning.noise_share * wanted) ** 2
             if energy.sum() <= allowed:
                 break
@@ -124,7 +130,7 @@ class Gather:
             had_of = np.bincount(tiles, samples) // size_of
             ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
             limit = np.minimum(tuning.growth * samples, most // (2 * across**2))
-            longest = self.sampler.segments / samples.sum()  # mean number in a path of either half
+            longest = segments / samples.sum()  # mean number in a path of either half
             allowed_samples = (tuning.path_segments - self._spent) / max(longest, 1.0)
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
             while wanted_of.sum() > allowed_samples and not np.array_equal(wanted_of, samples):
@@ -140,13 +146,18 @@ class Gather:
                     "increase transport.max_samples or transport.accuracy_K"
                 )
                 break
-        self._spent, self._rays = (
-            self._spent + self.sampler.segments,
-            self._rays + count * across**2,
-        )
+            # Pixels with equal numbers of paths continue with the same points.
+            for pair in np.unique((samples << 32 | wanted_of)[wanted_of > samples]):
+                had, goal = divmod(int(pair), 1 << 32)
+                mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
+                some = ChosenRays(mine, across, first.before, goal - had)
+                [(more, crossed)] = self.sampler.means(paths, [some], had)
+                sums[:, :, mine] += (goal - had) * more
+                segments += crossed
+            samples = wanted_of
+        self._spent, self._rays = self._spent + segments, self._rays + count * across**2
         self.samples = self.samples or int(2 * samples.mean() * across**2)
-        self.seconds += time.perf_counter() - start
-        return means
+        return np.asarray(means)
 
     def affords(self, rays: int) -> bool:
         """True if the scatterings that an image may have suffice for so many more rays."""

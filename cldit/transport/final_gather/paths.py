@@ -1,6 +1,6 @@
 """Paths of the final gather on the devices: kernels, uploads, and means (stage 5)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from cldit.transport.discrete_ordinates.quadrature import (
     nearest,
 )
 from cldit.transport.final_gather.cell_sources import CellSources
-from cldit.transport.image import FormalSolution
+from cldit.transport.image import FormalSolution, ThickPixels
 from cldit.transport.linear_coefficients import thick_albedo
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.result import TraceSettings
@@ -35,6 +35,28 @@ _INTERVAL = 9  # values of an interval within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
+class ChosenRays:
+    """Pixels that get more paths.
+
+    pixels: (N,) their numbers in a group of pixels, each with across^2 rays. before: rays of other
+    groups. samples: paths of a ray in either half.
+    """
+
+    pixels: Ints
+    across: int
+    before: int
+    samples: int
+
+    @property
+    def table(self) -> NDArray[np.int32]:
+        """Rays (N across^2, 2) and numbers of paths, as the kernel takes them."""
+        each = self.before + self.pixels[:, None] * self.across**2 + np.arange(self.across**2)
+        out = np.full((each.size, 2), self.samples, np.int32)
+        out[:, 0] = each.reshape(-1)
+        return out
+
+
+@dataclass(frozen=True)
 class GatherPaths:
     """Paths from given rays on one device, as arguments of the kernel."""
 
@@ -43,28 +65,27 @@ class GatherPaths:
     arguments: dict[str, Any]
 
     def launch(
-        self, chosen: NDArray[np.int32], some: range, key: NDArray[np.uint32], half: int, out: Any
+        self, chosen: NDArray[np.int32], first: int, key: NDArray[np.uint32], out: Any
     ) -> None:
-        """Starts paths for each of the `chosen` (N,) rays, and does not wait for them.
+        """Starts paths of both halves for each of the chosen rays, and does not wait for them.
 
         Args:
-            some: numbers of the low-discrepancy points.
+            chosen: (N, 2) numbers of the rays, and of each one's paths in either half.
+            first: number of the first low-discrepancy point.
             key: (2,) of the random generator, Philox.
-            half: number of the random shift of the points.
         """
+        most = int(chosen[:, 1].max())
         self.program.launch(
             "gather",
-            (len(chosen),),
-            (min(_GROUP, self.program.largest_group("gather")),),
+            (len(chosen), 2),
+            (min(_GROUP, self.program.largest_group("gather")), 1),
             {
                 "means": out,
                 "chosen": upload(self.device, "chosen rays", chosen),
                 "count": len(chosen),
-                "samples": len(some),
-                "from_point": some.start,
+                "from_point": first,
                 "key": key,
-                "half_": half,
-                "points": upload(self.device, "Sobol", points(some.start, len(some))),
+                "points": upload(self.device, "Sobol", points(first, most)),
                 **self.arguments,
             },
         )
@@ -88,8 +109,7 @@ class PathSampler:
     """Samples paths from thick cells on every device.
 
     solution, settings: of the image. components: weights of a path, and the part within. programs:
-    that were built. diffusive: paths continue far in thick cells. segments: crossed so far; callers
-    may set it to 0.
+    that were built. diffusive: paths continue far in thick cells.
     """
 
     def __init__(
@@ -206,7 +226,7 @@ class PathSampler:
                     **view.lines_of_sight(one, real),
                 }
             )
-        self.segments, self.diffusive = 0.0, thick.diffusive
+        self.diffusive = thick.diffusive
 
     def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
         """Ordinates (K, 4): unit vectors and cumulative weight of light scattered along +y."""
@@ -216,12 +236,10 @@ class PathSampler:
             weight = weight * steps[np.minimum((sine * PHASE_STEPS).astype(int), PHASE_STEPS - 1)]
         return np.column_stack([directions.unit, np.cumsum(weight) / weight.sum()])
 
-    def paths(self, pixels: Ints, across: int) -> list[GatherPaths]:
-        """Paths from the thick cells on across^2 rays through each pixel (N,), for each device."""
-        row, column = np.divmod(pixels, self.solution.view.pixels[0])
-        middle = np.stack([column, row, 0.0 * row, 0.0 * row], axis=1)
-        rays = (middle[:, None] + self.solution.view.places(across)).reshape(-1, 4)
-        numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
+    def paths(self, groups: Sequence[ThickPixels]) -> list[GatherPaths]:
+        """Paths from the thick cells on the rays of all groups of pixels, for each device."""
+        every = [self._rays(each.pixels, each.across) for each in groups]
+        rays, numbers = (np.concatenate(each) for each in zip(*every, strict=True))
         out = []
         for part, program, traversal, fixed in zip(
             self.solution.parts, self.programs, self._traversals, self._fixed, strict=True
@@ -261,32 +279,44 @@ class PathSampler:
             out.append(GatherPaths(one, program, arguments))
         return out
 
-    def means(
-        self,
-        paths: list[GatherPaths],
-        chosen: Ints,
-        across: int,
-        some: range,
-        half: int,
-    ) -> Floats:
-        """Means (C + 1, N) of paths for across^2 rays of each chosen pixel (N,).
+    def _rays(self, pixels: Ints, across: int) -> tuple[Floats, Ints]:
+        """across^2 rays through each of the pixels (N,), (R, 4), and their numbers (R,)."""
+        row, column = np.divmod(pixels, self.solution.view.pixels[0])
+        middle = np.stack([column, row, 0.0 * row, 0.0 * row], axis=1)
+        rays = (middle[:, None] + self.solution.view.places(across)).reshape(-1, 4)
+        return rays, (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
 
-        `paths` are those of `paths(pixels, across)`; `some` and `half` as in `GatherPaths.launch`.
+    def means(
+        self, paths: list[GatherPaths], chosen: Sequence[ChosenRays], first: int = 0
+    ) -> list[tuple[Floats, float]]:
+        """Means (2, C + 1, N) of paths in either half, and numbers of their segments.
+
+        Args:
+            paths: of `paths`.
+            chosen: the rays of each result.
+            first: as in `GatherPaths.launch`.
         """
-        rays = (chosen[:, None] * across**2 + np.arange(across**2)).reshape(-1).astype(np.int32)
+        rays = np.concatenate([each.table for each in chosen])
         key = np.array([self.settings.seed, 0], np.uint32)
-        outs = []
+        outs, planes = [], 2 * (self.components + 1)
         for each, (_, mine) in zip(paths, shares(self._device, len(rays)), strict=True):
-            out = zeros(each.device, "means", (self.components + 1) * len(mine), self._real)
+            out = zeros(each.device, "means", planes * len(mine), self._real)
             if mine:
-                each.launch(rays[mine.start : mine.stop], some, key, half, out)
+                each.launch(rays[mine.start : mine.stop], first, key, out)
             outs.append((each.device, out, len(mine)))
         found = [
-            download(device, out, np.empty((self.components + 1, count), self._real))
+            download(device, out, np.empty((planes, count), self._real))
             for device, out, count in outs
             if count
         ]
-        whole = np.concatenate(found, axis=1)
-        self.segments += float(whole[-1].sum(dtype=np.float64))
-        whole = whole[:-1].reshape(self.components, len(chosen), -1)
-        return np.asarray(whole.mean(axis=2, dtype=np.float64))
+        whole = np.concatenate(found, axis=1).reshape(2, self.components + 1, -1)
+        ends = np.cumsum([len(each.table) for each in chosen])
+        return [
+            (
+                part[:, :-1]
+                .reshape(2, self.components, len(some.pixels), -1)
+                .mean(axis=3, dtype=np.float64),
+                float(part[:, -1].sum(dtype=np.float64)),
+            )
+            for some, part in zip(chosen, np.split(whole, ends[:-1], axis=2), strict=True)
+        ]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cldit.accuracy.error_maps import error_maps
-from cldit.run.folder import load_maps, save_maps
+from cldit.run.stored_files import load_maps, save_maps
 
 
 def found() -> tuple[dict[str, float | None], dict[str, np.ndarray], np.ndarray]:

@@ -72,10 +72,10 @@ def traced(folder: Path, **transport: Any) -> tuple[Any, dict[str, Cause]]:
 @pytest.mark.parametrize(
     ("name", "key", "value"),
     [
-        ("orders of scattering", "order", 0),
+        pytest.param("orders of scattering", "order", 0, marks=pytest.mark.slow),
         ("orders of scattering", "order", 3),
         ("cutoff of rays", "cutoff", 0.5),
-        ("sources within cells", "gather", False),
+        pytest.param("sources within cells", "gather", False, marks=pytest.mark.slow),
     ],
 )
 def test_what_a_key_leaves_out_is_stated(folder: Path, name: str, key: str, value: Any) -> None:
@@ -146,6 +146,7 @@ def test_shares_go_by_the_list_of_sources(monkeypatch: pytest.MonkeyPatch) -> No
     assert all(names == sorted(names, key=listed.index) for names in asked)
 
 
+@pytest.mark.slow
 def test_the_phase_function_is_in_the_spread_of_the_model(folder: Path) -> None:
     """Against isotropic scattering; unknown where droplets are coefficients without diameters."""
     phase = {"henyey_greenstein": 0.8}

@@ -64,7 +64,9 @@ def kelvin(scene: Scene) -> NodeTemperature:
 
 
 @pytest.mark.parametrize("light", [smooth, edges, plumes])
-@pytest.mark.parametrize(("rays", "seed"), [(1, 1), (4, 2), (16, 3)])
+@pytest.mark.parametrize(
+    ("rays", "seed"), [(1, 1), (4, 2), pytest.param(16, 3, marks=pytest.mark.slow)]
+)
 def test_stated_and_true(light: Any, rays: int, seed: int) -> None:
     """Over seeds the root scatters by up to 8 %: three times that, and the standard error that is
     added, up to 16 %. By blocks of 3 x 3 and 5 x 5 pixels and an order from both the plumes seem

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan, plan_from_scene
 from cldit.acquisition.dry_runs import dry_run
 from cldit.acquisition.export import export
+from cldit.acquisition.plan import Group
 from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
 from cldit.cli import main
 from cldit.dit.maps import Maps
@@ -88,6 +89,7 @@ def test_three_delays_take_hardly_longer_than_one(
     assert one < three <= 1.15 * one
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_maps_table_and_exports_by_delay(
     rig_of_three: dict[str, Any], plan_of_three: Plan, tmp_path: Path
 ) -> None:
@@ -96,7 +98,7 @@ def test_maps_table_and_exports_by_delay(
     folder = tmp_path / "a"
     acquire(open_rig(rig_of_three), plan_of_three, folder)
     opened = open_acquisition(folder)
-    assert len(opened.shots) == 45 and len(opened.at_delay(1).shots) == 15
+    assert len(opened.shots) == 45 and len(opened.of_group(Group(delay=1)).shots) == 15
     assert (folder / "journal.jsonl").read_text().count('"event": "stable"') == 3
     result = CliRunner().invoke(main, ["evaluate", str(folder)])
     assert result.exit_code == 0, result.output

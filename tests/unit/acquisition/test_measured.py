@@ -88,6 +88,7 @@ def _data(folder: Path) -> dict[str, Any]:
     return loaded
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_a_folder_of_tiffs_from_the_command_line(tiffs: Path) -> None:
     """The filter and the temperatures alone: gain and noise come from the references."""
     result = CliRunner().invoke(main, ["evaluate", str(tiffs), "--calibration", "fitted"])

@@ -51,6 +51,7 @@ def evaluated(draft: Path) -> Maps:
     return Maps.load(draft.parent / "maps")
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_a_folder_of_stacks_with_darks_and_a_mask_runs_once_it_is_completed(tmp_path: Path) -> None:
     for celsius in (140, 180, 220):
         for name, spray in (("nospray", False), ("spray", True)):
@@ -87,6 +88,7 @@ def test_a_folder_of_stacks_with_darks_and_a_mask_runs_once_it_is_completed(tmp_
         write_measured(tmp_path, draft)
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_single_images_in_folders_with_a_gap_and_a_draft_beside_them(tmp_path: Path) -> None:
     for kelvin in (413, 453):
         folder = tmp_path / "july 3" / f"bb_{kelvin}K"
@@ -106,6 +108,7 @@ def test_single_images_in_folders_with_a_gap_and_a_draft_beside_them(tmp_path: P
     assert np.nanmedian(evaluated(draft).emissivity) == pytest.approx(0.6, abs=0.02)
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_data_sets_without_temperatures_in_their_names(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "run.h5", "w") as file:

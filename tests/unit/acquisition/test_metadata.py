@@ -130,6 +130,7 @@ def _timed(data: dict[str, Any]) -> None:
         background["injections_s"] = [start_s + 2.0, start_s + 4.0, start_s + 10.0]
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_times_in_the_yaml(made: Laboratory, tmp_path: Path) -> None:
     folder = tmp_path / "a"
     write_measured(folder, made)

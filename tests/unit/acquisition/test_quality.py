@@ -32,7 +32,7 @@ SHAPE = (128, 160)
 READY = Ready(
     configuration={}, shape=SHAPE, integration_time_s=25e-6, saturation_counts=16383,
     minimum_period_s=0.0, trigger=TriggerInfo(TriggerMode.EXTERNAL_EDGE), picture_bytes=0,
-    calibration=CAMERA,
+    calibrations=(CAMERA,),
 )  # fmt: skip
 KELVIN = 440.0
 REFERENCE = Shot("b00_ref_00", 0, KELVIN, "reference", 0)

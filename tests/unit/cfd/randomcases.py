@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.to_spray import AVOGADRO_MOL
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Spray
 from tests.unit.cfd.conftest import Block
@@ -53,7 +53,7 @@ class Case:
     def gas_rows(self) -> Array:
         """Lower and upper corner, molecules a volume and temperature of each cell, in order."""
         box = self.block.points[self.corners]
-        number = self.gas["rho"] * self.gas["C7H16"] * (AVOGADRO_MOL / 0.100204)
+        number = self.gas["rho"] * self.gas["C7H16"] * (AVOGADRO_PER_MOL / 0.100204)
         return _rows(box.min(axis=1), box.max(axis=1), number, self.gas["T"])
 
     def parcel_rows(self) -> Array:

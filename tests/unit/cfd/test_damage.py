@@ -25,7 +25,7 @@ SET: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 CHECKED = ("vtk", "openfoam-gz", "vtkhdf", "parquet")
 KINDS = (*CHECKED, "converge", "tables", "fluent", "cgns", "vtkhdf-by-vtk")
 SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight", "ensight-ascii")
-QUICK, MANY = 6, 50
+QUICK, MANY = 4, 20
 
 
 def write(kind: str, folder: Path, foam: Foam) -> Path:

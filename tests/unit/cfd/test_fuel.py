@@ -13,7 +13,7 @@ from cldit.cfd.importing import imported
 from cldit.cfd.names import fuel_of
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import OpticsError, SprayError
-from cldit.optics.spectrum import Substances
+from cldit.optics.spectrum import liquid_of, vapour_of
 from cldit.optics.wavelengths import wavelengths
 from cldit.prepare.fitted_scene import fitted_scene
 from cldit.scene import load_scene, parse_scene
@@ -43,10 +43,10 @@ def test_the_fuel_of_a_stored_spray(tmp_path: Path, foam: Foam) -> None:
         read_cfd(CfdSpray(file=stored, fuel_field="NC8H18"))
     scene = load_scene("gdi-cone").model_copy(update={"spray": CfdSpray(file=stored)})
     with pytest.raises(OpticsError, match="iso-octane: no vapour absorption is shipped"):
-        Substances.of(scene, again)
+        vapour_of(scene, again)
     only = load_scene("gdi-cone").optics.model_copy(update={"vapour": "methane"})
-    found = Substances.of(scene.model_copy(update={"optics": only}), again).liquid
-    assert found is not None and found.name == "iso-octane"
+    liquid = liquid_of(scene.model_copy(update={"optics": only}), again)
+    assert liquid is not None and liquid.name == "iso-octane"
 
 
 def test_constants_of_n_heptane_are_for_n_heptane(tmp_path: Path, foam: Foam) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cldit.cfd.formats import contents
-from cldit.cfd.to_spray import AVOGADRO_MOL, read_cfd
+from cldit.cfd.to_spray import read_cfd
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 
@@ -117,7 +118,7 @@ def test_a_known_field(kind: str, legacy: bool, tmp_path: Path) -> None:
     spray = read_cfd(spec(file))
     assert spray.parcels is None and spray.vapour is not None
     temperature, fraction = field(centre)
-    density = RHO * fraction * AVOGADRO_MOL / 0.100204
+    density = RHO * fraction * AVOGADRO_PER_MOL / 0.100204
     cells = spray.vapour.cells
     assert spray.vapour.temperature_K == pytest.approx(temperature, rel=1e-9, abs=0)
     assert spray.vapour.number_density_m3 == pytest.approx(density, rel=1e-9, abs=0)

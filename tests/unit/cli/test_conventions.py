@@ -64,6 +64,7 @@ def found(*words: object) -> Any:
     return json.loads(done.stdout)
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_json_of_an_evaluation(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(WRITTEN / "acquisition", tmp_path / "shots"))
     (one,) = found("evaluate", folder)["delays"]
@@ -117,6 +118,7 @@ def test_commands_that_draw_take_one_format(name: str) -> None:
     assert option.callback(click.Context(command), option, given) == ".svg"
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_an_evaluation_writes_its_figure_in_a_format(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(WRITTEN / "acquisition", tmp_path / "shots"))
     done = CliRunner().invoke(main, ["evaluate", str(folder), "--format", "pdf"])
@@ -194,6 +196,7 @@ def test_narrow_terminals_cut_nothing(
     assert letters(narrow) == letters(wide)
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_no_color() -> None:
     colour = re.compile(r"\x1b\[[0-9;]*3[0-7]")
     words = ["scenes", "--show", "nothing-like-it"]
@@ -253,6 +256,7 @@ def loaded_by(words: list[str], **environment: str) -> set[str]:
 def test_help_and_completion_load_no_command(environment: dict[str, str]) -> None:
     modules = loaded_by([] if environment else ["--help"], **environment)
     ours = {name for name in modules if name.partition(".")[0] == "cldit"}
+    # `cldit` gives results the function that loads their figures: presented, extras.
     assert ours == {"cldit", "cldit.cli", "cldit.cli.program", "cldit.errors", "cldit.io",
-                    "cldit.io.terminal"}  # fmt: skip
+                    "cldit.io.extras", "cldit.io.presented", "cldit.io.terminal"}  # fmt: skip
     assert not modules & {"numpy", "rich", "yaml", "pydantic", "matplotlib", "pyopencl"}

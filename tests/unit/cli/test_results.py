@@ -15,7 +15,7 @@ from cldit.cli import main
 from cldit.cli.console import ProgressBar
 from cldit.prepare.stages import StageLine, Stages
 
-_COARSE = ("--trace-only", "--pixels", "48", "--accuracy", "8", "--set", "domain.leaf_edge_m=4e-3")
+_COARSE = ("--trace-only", "--pixels", "32", "--accuracy", "20", "--set", "domain.leaf_edge_m=6e-3")
 
 
 def _run(folder: Path, *words: str) -> str:

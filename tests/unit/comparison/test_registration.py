@@ -42,13 +42,13 @@ def test_a_view_is_found(flip: int) -> None:
     turn = np.radians(0.5)
     seen = spray(shift=(0.7, -0.4), turn=turn, scale=1.01, flip=flip)
     pulls = []
-    for _ in range(3):
+    for _ in range(2):
         found = align(seen + 0.02 * rng.standard_normal(seen.shape), spray())
         off = found.values - [0.01, turn, 0.7, -0.4]
         assert found.mirrored == (flip < 0)
         assert np.all(np.abs(off) < [1e-3, np.radians(0.05), 0.1, 0.1]), found.text
         pulls.append(off / found.errors)
-    assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 2.0  # of 12 values
+    assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 2.0  # of 8 values
 
 
 def test_a_far_view_is_found() -> None:

@@ -35,6 +35,6 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     folder = Path(sys.executable).parent
     monkeypatch.chdir(folder)
     with pytest.raises(StudyError, match=r'^--to nexus: needs h5py; .* "h5py>=.*", or not$') as got:
-        needed("h5py", extra="export", what="--to nexus:", error=StudyError, hint=", or not")
+        needed("h5py", extra="export", needed_by="--to nexus:", error=StudyError, hint=", or not")
     assert f"with: {Path(sys.executable).name} -m pip install" in str(got.value)
-    assert needed("json", extra="export", what="x") is sys.modules["json"]
+    assert needed("json", extra="export", needed_by="x") is sys.modules["json"]

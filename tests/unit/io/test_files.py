@@ -97,7 +97,7 @@ def test_the_end_of_an_array_is_not_lost(tmp_path: Path) -> None:
 
 def test_a_cache_that_cannot_be_kept_costs_only_the_time(tmp_path: Path) -> None:
     with full_disk(most_bytes=1000):
-        arrays = cached(tmp_path, kind="k", text="t", make=lambda: {"a": np.ones(1000)})
+        arrays = cached(tmp_path, kind="k", description="t", make=lambda: {"a": np.ones(1000)})
     assert arrays["a"].sum() == 1000.0 and list(tmp_path.iterdir()) == []
 
 

@@ -20,15 +20,15 @@ def test_a_flipped_bit_is_noticed(place: int, tmp_path: Path) -> None:
         return made[-1]
 
     for _ in range(2):
-        found = cached(tmp_path, kind="k", text="t", make=make)
+        found = cached(tmp_path, kind="k", description="t", make=make)
         np.testing.assert_array_equal(found["b"], np.full((2, 2), 7.0))
     assert len(made) == 1
     (path,) = tmp_path.iterdir()
     content = bytearray(path.read_bytes())
     content[place] ^= 1
     path.write_bytes(content)
-    found = cached(tmp_path, kind="k", text="t", make=make)
+    found = cached(tmp_path, kind="k", description="t", make=make)
     assert len(made) == 2
     np.testing.assert_array_equal(found["a"], made[0]["a"])
-    cached(tmp_path, kind="k", text="t", make=make)
+    cached(tmp_path, kind="k", description="t", make=make)
     assert len(made) == 2

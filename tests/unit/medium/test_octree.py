@@ -237,12 +237,12 @@ def test_boxes_of_the_cells_lattice_are_laid_in_them() -> None:
     rng = np.random.default_rng(7)
     lower = np.asarray(where.lower_m) + np.argwhere(rng.random((14, 16, 12)) < 0.6) * where.cell_m
     upper, vapour = lower + where.cell_m, rng.uniform(1, 2, len(lower))
-    placed = place_boxes(where, lower, upper, what="gas")
+    placed = place_boxes(where, lower, upper, content="gas")
     assert isinstance(placed, PlacedPoints)
     found = np.floor(where.to_cells(lower + where.cell_m / 2)).astype(int)
     np.testing.assert_array_equal(placed.cell, found)
     off = lower + 0.25 * where.cell_m
-    assert isinstance(place_boxes(where, off, off + where.cell_m, what="gas"), PlacedBoxes)
+    assert isinstance(place_boxes(where, off, off + where.cell_m, content="gas"), PlacedBoxes)
     together = build_octree(where, None, [boxes(lower, upper, vapour)], optical_depth_split=0.0)
     parts = [slice(start, start + 900) for start in range(0, len(lower), 900)]
     single = build_octree(

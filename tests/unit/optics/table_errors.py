@@ -106,7 +106,7 @@ def compare_solvers(*, n: float, k: float, x: float = 45.0, spacing: float = 4.1
 
 def _narrow(table: DropletTable, middle_m: float) -> float:
     """Error of the mean cross sections of one narrow distribution, by area."""
-    count = resolved(n=table.n, k=table.k, span=8 * _NARROW, least=20000)
+    count = resolved(n=table.n, k=table.k, span=8 * _NARROW, minimum=20000)
     spread = _NARROW * np.linspace(-4.0, 4.0, count)
     weight = np.exp(-0.5 * (spread / _NARROW) ** 2)
     d = middle_m * np.exp(spread)

@@ -15,7 +15,7 @@ from cldit.optics.planck import (
 )
 
 FILTERS = [(3.3, 3.5), (2.0, 5.0), (3.4, 3.40001), (0.2, 50.0), (8.0, 14.0), (49.0, 50.0)]
-TEMPERATURES = [1.0, 10.0, 77.0, 400.0, 5000.0]
+TEMPERATURES = [1.0, 77.0, 5000.0]
 
 
 def _reference(kelvin: float, filter_um: tuple[float, float], *, slope: bool = False) -> mpmath.mpf:

@@ -17,10 +17,9 @@ import yaml
 from scipy.integrate import quad
 
 from cldit.camera.sensor import SensorModel
+from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.errors import SceneError
 from cldit.optics.planck import (
-    LIGHT_SPEED_m_s,
-    SECOND_RADIATION_CONSTANT_m_K,
     band_radiance,
     band_radiance_slope,
     part_radiance,

@@ -28,7 +28,7 @@ def scene() -> Scene:
     """Droplets alone, on coarse cells: half a second a trace."""
     return load_scene("droplets-only").with_(
         **{
-            "camera.pixels": [40, 40],
+            "camera.pixels": [24, 24],
             "camera.rays_per_pixel": 1,
             "domain.leaf_edge_m": 4e-3,
             "spray.spacing_m": 2e-3,
@@ -62,7 +62,7 @@ def test_it_is_the_mean_light(made: Run, scene: Scene) -> None:
         [run.weights.wall.astype(float) * wall + run.weights.vapour + run.weights.liquid
          for run in each], axis=0)  # fmt: skip
     here = made.maps.has_temperature
-    assert here.sum() > 50
+    assert here.sum() > 20
     expected_K = curve.temperature(light[here] / gone[here])
     assert made.maps.apparent_temperature_K[here] == pytest.approx(expected_K, abs=0.02)
 
@@ -81,7 +81,7 @@ def test_its_statistics(made: Run) -> None:
     assert found is not None and found.members == _MEMBERS
     assert np.array_equal(np.nan_to_num(found["injections"]), seen.sum(axis=0))
     every = seen.all(axis=0) & made.maps.has_temperature
-    assert every.sum() > 30
+    assert every.sum() > 12
     shown = found["apparent_temperature_mean_K"][every]
     assert shown == pytest.approx(kelvin.mean(axis=0)[every], abs=1e-3)
     spread = kelvin.std(axis=0, ddof=1)[every]
@@ -113,7 +113,7 @@ def test_equal_injections_have_no_deviation(scene: Scene, made: Run) -> None:
         one.maps.apparent_temperature_K, abs=1e-3, nan_ok=True
     )
     assert run.ensemble is not None
-    figures = run.ensemble.figures(run)
+    figures = run.ensemble.figures(run.maps)
     assert figures and max(figures.values()) < 5e-3
 
 
@@ -158,7 +158,7 @@ def test_a_mean_and_its_nominal_injection_have_one_spray(made: Run) -> None:
     assert made.folder is not None
     nominal = open_run(made.folder / "nominal")
     assert {"spray", "classes", "cells"} <= _same_parts(made, nominal)
-    assert made.rays is not None and made.rays.shape == (40, 40)  # the mean of all injections
+    assert made.rays is not None and made.rays.shape == (24, 24)  # the mean of all injections
     assert "spray" not in _same_parts(made, _members(made)[0])
 
 

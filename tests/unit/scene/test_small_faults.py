@@ -45,7 +45,7 @@ def test_a_scene_is_refused_briefly(tmp_path: Path, text: str, message: str) -> 
 
 
 def test_curves_take_numbers_from_iterators() -> None:
-    assert check_curve(zip((3.3, 3.5), (0.5, 1.0), strict=True), what="x")[0] == (3.3, 0.5)
+    assert check_curve(zip((3.3, 3.5), (0.5, 1.0), strict=True), source="x")[0] == (3.3, 0.5)
 
 
 @pytest.mark.parametrize("time", ["2026-01-01T10:00:00", "9999-01-01T10:00:00+00:00"])

@@ -50,6 +50,7 @@ def test_the_errors_of_radiance_are_those_of_the_data(recorded: Run) -> None:
     assert 1.0 - spread - 0.1 < residuals @ residuals / count < 1.0 + spread
 
 
+@pytest.mark.slow
 def test_a_twin_is_found(
     scene: Scene, recorded: Run, device: Device, tables: Path, tmp_path: Path
 ) -> None:

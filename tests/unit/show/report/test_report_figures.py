@@ -41,11 +41,20 @@ def test_name_and_unit(key: str, value: float, name: str, text: str) -> None:
     assert human(key, value) == (name, text)
 
 
-@pytest.mark.parametrize("name", ["gdi", "gdi-cold", "methane-jet", "droplets-only", "empty"])
+@pytest.mark.parametrize(
+    ("name", "coarse"),
+    [
+        ("gdi", {"spray.time_s": 1e-4, "spray.box.spacing_m": 4e-3}),
+        ("gdi-cone", {"spray.spacing_m": 4e-3}),
+        ("methane-jet", {"spray.time_s": 3e-4, "spray.box.spacing_m": 4e-3}),
+        ("droplets-only", {"spray.spacing_m": 4e-3}),
+        ("empty", {}),
+    ],
+)
 def test_figures_of_shipped_scenes_have_names_of_their_own(
-    name: str, device: Device, tmp_path: Path
+    name: str, coarse: dict[str, float], device: Device, tables: Path
 ) -> None:
-    notes = make_spray(load_scene(name).spray, device, cache=tmp_path).notes
+    notes = make_spray(load_scene(name).with_(**coarse).spray, device, cache=tables).notes
     assert len(human_figures(notes)) == len(notes)
 
 

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from cldit.cli import main
 from cldit.errors import FileError, RunFolderError
-from cldit.run.folder import save_run
+from cldit.run.result import save_run
 from cldit.scene.spray import ConeSpray
 from cldit.show.view import page_html, save_page, view_items
 from cldit.show.view.traced import traced_item

@@ -40,7 +40,7 @@ def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch, device:
     order = np.argsort(all_mass, kind="stable")
     left = np.sort(order[np.cumsum(all_mass[order]) > NEGLIGIBLE * 1e-6])
     np.testing.assert_array_equal(cells.mass_kg, all_mass[left] * (1e-6 / all_mass[left].sum()))
-    count = np.diff(np.append(cells.first, len(left)))
+    count = np.diff(np.append(cells.start, len(left)))
     expected = np.array(parts)[left, :3]
     np.testing.assert_array_equal(np.repeat(cells.cell, count, axis=0), expected)
     assert count.max() > 100 and count.min() == 1  # in the fine part near the nozzle, and beyond

@@ -7,7 +7,7 @@ import pytest
 
 from cldit.scene.sizes import NukiyamaTanasawa
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
-from cldit.spray.cone.wet_bulb import d2_law, still, wet_bulb
+from cldit.spray.cone.wet_bulb import at_rest, d2_law, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
@@ -64,11 +64,11 @@ def test_wet_bulb_and_rate(
 def test_more_vapour_than_the_surface_has_condenses_and_boiling_is_bounded(
     kernels: DropletKernels,
 ) -> None:
-    at_369 = still(369.0, kernels, gas_K=369.0, vapour_share=0.0, pressure_Pa=0.6e6)
+    at_369 = at_rest(369.0, kernels, gas_K=369.0, vapour_share=0.0, pressure_Pa=0.6e6)
     assert at_369.mass_kg_s > 0 and at_369.heat_W < 0
     share = 1 - float(np.exp(-1.0))
-    assert still(300.0, kernels, gas_K=300.0, vapour_share=share, pressure_Pa=0.6e6).mass_kg_s < 0
-    boiling = still([445.0, 460.0], kernels, gas_K=500.0, vapour_share=0.0, pressure_Pa=0.6e6)
+    assert at_rest(300.0, kernels, gas_K=300.0, vapour_share=share, pressure_Pa=0.6e6).mass_kg_s < 0
+    boiling = at_rest([445.0, 460.0], kernels, gas_K=500.0, vapour_share=0.0, pressure_Pa=0.6e6)
     assert 1 < boiling.mass_kg_s[1] / boiling.mass_kg_s[0] < 5
 
 

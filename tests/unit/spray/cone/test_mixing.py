@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
     NITROGEN,
-    GAS_CONSTANT_J_mol_K,
-    HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,
@@ -21,7 +20,7 @@ from cldit.spray.cone.mixing import (
     heptane_state,
     lagging_state,
 )
-from cldit.spray.cone.wet_bulb import still
+from cldit.spray.cone.wet_bulb import at_rest
 from cldit.spray.droplet.arrays import DropletKernels
 
 HOT = {"pressure_Pa": 0.6e6, "gas_K": 570.0, "fuel_K": 370.0}
@@ -127,7 +126,7 @@ def test_lagging_droplets_keep_energy_at_the_wet_bulb(
     supply = b * heptane_liquid_enthalpy_J_kg(370.0) + NITROGEN.enthalpy_J_kg(gas_K)
     assert b * held + NITROGEN.enthalpy_J_kg(gas) == pytest.approx(supply, abs=1.0)
     y = share * b / (1 + share * b)
-    around = still(liquid, kernels, gas_K=gas, vapour_share=y, pressure_Pa=megapascal * 1e6)
+    around = at_rest(liquid, kernels, gas_K=gas, vapour_share=y, pressure_Pa=megapascal * 1e6)
     latent = heptane_vapour_enthalpy_J_kg(liquid) - heptane_liquid_enthalpy_J_kg(liquid)
     assert np.max(np.abs(around.heat_W / (around.mass_kg_s * latent))) < 1e-5
     wet = f < 1

@@ -40,7 +40,7 @@ def test_between_its_points_a_table_is_what_it_was_built_from(name: str) -> None
     assert np.abs(found / wanted - 1).max() < TABLE
     hot = rng.uniform(table.vapour.low_K, table.vapour.high_K, 50)
     cp = [coolprop.PropsSI("Cp0mass", "T", t, "Dmass", 1e-6, name) for t in hot]
-    assert np.abs(table.vapour.one("cp", hot) / cp - 1).max() < TABLE
+    assert np.abs(table.vapour.value("cp", hot) / cp - 1).max() < TABLE
 
 
 def test_heptane_against_the_fits_of_another_source(heptane: Fuel) -> None:
@@ -59,7 +59,7 @@ def test_nitrogen_against_the_polynomials_of_another_source() -> None:
     """Below 300 K the polynomials (0.6 % off cp at 250 K) are themselves extrapolated."""
     t = np.linspace(300.0, 1200.0, 39)
     found = gas_table("nitrogen", cache=None).vapour
-    assert found.one("cp", t) == pytest.approx(fits.NITROGEN.cp_J_kg_K(t), rel=3e-3)
+    assert found.value("cp", t) == pytest.approx(fits.NITROGEN.cp_J_kg_K(t), rel=3e-3)
 
 
 def test_iso_octane_at_its_boiling_point() -> None:
@@ -68,22 +68,22 @@ def test_iso_octane_at_its_boiling_point() -> None:
     table = fuel_table("Iso-octane", cache=None)
     boiling = float(table.boiling_K(101325.0))
     assert boiling == pytest.approx(372.4, abs=0.2)
-    assert float(table.liquid.one("latent", boiling)) == pytest.approx(271e3, rel=0.01)
+    assert float(table.liquid.value("latent", boiling)) == pytest.approx(271e3, rel=0.01)
     slope = float(np.log(table.saturation_Pa(310.5) / table.saturation_Pa(309.5)))
     ideal = 8.314 / table.molar_mass_kg_mol * 310.0**2 * slope
-    assert float(table.liquid.one("latent", 310.0)) == pytest.approx(ideal, rel=0.02)
+    assert float(table.liquid.value("latent", 310.0)) == pytest.approx(ideal, rel=0.02)
 
 
 def test_enthalpies_are_integrals_on_one_zero(heptane: Fuel) -> None:
     t = np.linspace(250.0, 500.0, 6)
     step = 0.01
     for curves in (heptane.liquid, heptane.vapour):
-        rise = curves.one("enthalpy", t + step) - curves.one("enthalpy", t - step)
-        assert rise / (2 * step) == pytest.approx(curves.one("cp", t), rel=1e-5)
+        rise = curves.value("enthalpy", t + step) - curves.value("enthalpy", t - step)
+        assert rise / (2 * step) == pytest.approx(curves.value("cp", t), rel=1e-5)
     boiling = heptane.boiling_K(101325.0)
-    gap = heptane.vapour.one("enthalpy", boiling) - heptane.liquid.one("enthalpy", boiling)
+    gap = heptane.vapour.value("enthalpy", boiling) - heptane.liquid.value("enthalpy", boiling)
     # The boiling point is between two points of the grid, 0.4 K apart.
-    assert float(gap) == pytest.approx(float(heptane.liquid.one("latent", boiling)), rel=1e-5)
+    assert float(gap) == pytest.approx(float(heptane.liquid.value("latent", boiling)), rel=1e-5)
 
 
 def test_diffusivity_of_heptane_in_nitrogen(heptane: Fuel) -> None:
@@ -107,8 +107,8 @@ def test_boiling_inverts_saturation(heptane: Fuel) -> None:
 
 
 def test_beyond_its_ends_a_curve_is_held(heptane: Fuel) -> None:
-    ends = heptane.liquid.one("density", [heptane.liquid.low_K, heptane.liquid.high_K])
-    assert heptane.liquid.one("density", [1.0, 1e5]) == pytest.approx(ends)
+    ends = heptane.liquid.value("density", [heptane.liquid.low_K, heptane.liquid.high_K])
+    assert heptane.liquid.value("density", [1.0, 1e5]) == pytest.approx(ends)
     assert heptane.liquid.high_K == pytest.approx(530.4, abs=0.1)  # 0.98 of CoolProp's 541.23 K
 
 
@@ -124,11 +124,11 @@ def test_kept_on_disk_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyP
         patch.setattr(fluids, "fuel_columns", never)
         again = fuel_table("n-heptane", cache=tmp_path / "new")
     t = np.linspace(200.0, 500.0, 7)
-    assert np.array_equal(first.liquid.one("density", t), again.liquid.one("density", t))
+    assert np.array_equal(first.liquid.value("density", t), again.liquid.value("density", t))
     assert again.molar_mass_kg_mol == first.molar_mass_kg_mol
     files[0].write_bytes(files[0].read_bytes()[:1000])  # a copy that was cut off is built again
     whole = fuel_table("n-heptane", cache=tmp_path / "new")
-    assert np.array_equal(first.liquid.one("density", t), whole.liquid.one("density", t))
+    assert np.array_equal(first.liquid.value("density", t), whole.liquid.value("density", t))
 
 
 def test_a_folder_that_cannot_be_made_costs_only_time(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def free_jet(
     for _ in range(round(_END_s / _STEP_s)):
         flow.step(_STEP_s)
     flow.check()
-    density, outward = flow.read("density"), flow.fields.read(flow.known["flux"], 2)
+    density, outward = flow.read("density"), flow.fields.read(flow.arguments["flux"], 2)
     around = flow.far_density_kg_m3
     rows: list[tuple[float, float, float, float]] = []
     for distance in distances_m:

@@ -61,7 +61,7 @@ def gas_jet(result: tuple[Spray, History, GasFlow], fuel: Fuel) -> GasJet:
     tip = reach / ((thrust / around) ** 0.25 * np.sqrt(times - _RAMP_S))
     grid, share = flow.grid, flow.read("share")[0]
     speed = flow.read("velocity")[2, 0]
-    flux = flow.fields.read(flow.known["flux"], 2)[0]
+    flux = flow.fields.read(flow.arguments["flux"], 2)[0]
     polar, (low, high) = grid.middle[1], grid.middle[1][:2] ** 2
     rows = []
     for x in (15e-3, 20e-3, 25e-3):

@@ -116,11 +116,11 @@ def saturation(
         mole = float(fuel.saturation_Pa(t)) / pressure_Pa
         ratio = heavy * mole / (1 - mole)
         taken = float(
-            fuel.liquid.one("enthalpy", t)
-            + fuel.liquid.one("latent", t)
-            - fuel.liquid.one("enthalpy", fuel_K)
+            fuel.liquid.value("enthalpy", t)
+            + fuel.liquid.value("latent", t)
+            - fuel.liquid.value("enthalpy", fuel_K)
         )
-        had = float(gas.vapour.one("enthalpy", gas_K) - gas.vapour.one("enthalpy", t))
+        had = float(gas.vapour.value("enthalpy", gas_K) - gas.vapour.value("enthalpy", t))
         low, high = (t, high) if ratio * taken < had else (low, t)
     return low, ratio
 

@@ -37,7 +37,9 @@ def fluids() -> tuple[Fuel, Gas]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["abramzon-sirignano", "dukowicz"])
+@pytest.mark.parametrize(
+    "name", ["abramzon-sirignano", pytest.param("dukowicz", marks=pytest.mark.slow)]
+)
 def test_mass_momentum_and_energy_of_a_spray(device: Device, kind: str, name: str) -> None:
     """All parcels at once into 700 K, within 0.2 ms.
 

@@ -64,7 +64,7 @@ def test_the_fits_follow_the_tables() -> None:
     fuel, carrier = fluids()
     t = np.linspace(200.0, 1100.0, 91)
     for share, table in ((0.0, carrier), (1.0, fuel)):
-        rise = table.vapour.one("enthalpy", t) - table.vapour.one("enthalpy", TEMPERATURE_K)
+        rise = table.vapour.value("enthalpy", t) - table.vapour.value("enthalpy", TEMPERATURE_K)
         found = mixture().enthalpy_J_kg(np.full(91, share), t)
         # 75 J/kg is 0.07 K of nitrogen, 0.05 K of vapour.
         np.testing.assert_allclose(found, rise, atol=75)
@@ -100,7 +100,7 @@ def test_everything_is_conserved(device: Device, step_s: float) -> None:
         force = flow.read("force")
         received[3:] += np.sum(force, axis=(1, 2, 3))
         scale[3:] += np.abs(force).sum() + np.abs(push * volume).sum()
-        leaving = np.abs(flow.fields.read(flow.known["flux"], 2)) * step_s
+        leaving = np.abs(flow.fields.read(flow.arguments["flux"], 2)) * step_s
         fastest = max(fastest, float((leaving / (flow.read("density") * volume)).max()))
     scale[:2] = before[0]
     scale[2] = flow.pressure_Pa * volume.sum()

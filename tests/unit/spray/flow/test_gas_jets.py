@@ -185,7 +185,7 @@ def test_the_notional_nozzle_keeps_mass_thrust_and_energy(ratio: float, methane:
     thrust = jet.flux_kg_m2_s * jet.throat_m_s + jet.throat_Pa - low
     assert jet.density_kg_m3 * jet.area * jet.speed_m_s**2 == pytest.approx(thrust, rel=1e-9)
     assert jet.density_kg_m3 * jet.area * jet.speed_m_s == pytest.approx(jet.flux_kg_m2_s, rel=1e-9)
-    rest, moving = methane.vapour.one("enthalpy", [370.0, jet.temperature_K])
+    rest, moving = methane.vapour.value("enthalpy", [370.0, jet.temperature_K])
     assert 0.5 * jet.speed_m_s**2 == pytest.approx(rest - moving, rel=1e-6)  # linear in a table
     # Slower, and so warmer, than an expansion without shocks.
     assert 370.0 * ratio ** (-0.3 / 1.3) < jet.temperature_K < jet.throat_K

@@ -45,7 +45,7 @@ def test_mass_shares_and_sizes() -> None:
     typical = heptane().mass_kg(mean_diameter_m(sizes, 3, 0), 370.0)
     np.testing.assert_allclose(mass(found), 1e3 * typical, rtol=1e-3)
     # Bernoulli: 0.9 sqrt(2 dp / rho).
-    density = float(heptane().liquid.one("density", 370.0))
+    density = float(heptane().liquid.value("density", 370.0))
     assert found.speed_m_s == pytest.approx(0.9 * np.sqrt(2 * 19.4e6 / density), rel=1e-12)
 
 

@@ -245,6 +245,7 @@ def test_a_spray_that_meets_the_wall_says_so(device: Device, tables: Path) -> No
     assert "spray.box.depth_m" in spray.remarks[0]
 
 
+@pytest.mark.slow
 def test_vapour_beside_walls_has_a_remark(device: Device, tables: Path) -> None:
     """Wide plumes across the injector reach the walls of rays 115 degrees from its axis."""
     wide = tuple(
@@ -296,6 +297,7 @@ def test_before_the_injection_there_is_nothing(device: Device, tables: Path) -> 
     assert not flow.read("velocity").any()
 
 
+@pytest.mark.slow
 def test_single_precision(
     hot: Result, device: Device, tables: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,390 @@
+"""Plans with a filter wheel: what they record, what is refused, and that filters never mix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+
+from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan
+from cldit.acquisition.dry_runs import dry_run
+from cldit.acquisition.export import export
+from cldit.acquisition.plan import Group
+from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
+from cldit.cli import main
+from cldit.dit.maps import Maps
+from cldit.errors import EvaluationError, RunFolderError, SceneError
+from cldit.io.images import read_image
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, RetakesExhausted
+from cldit.rig.load import open_rig
+from cldit.rig.simulated import simulated_rig_data
+from cldit.scene import Scene, dump_scene
+from cldit.show.view.folders import _measured_items
+from tests.conftest import tiny_weights
+from tests.emulators.filter_wheel import FilterWheelPeer
+from tests.journals import read_journal
+from tests.wrapped import Mission, pulses
+
+FILTERS = {"fuel": ((3.3, 3.5), 2.0), "droplets": ((3.8, 4.0), 0.7)}  # and optical depth
+
+
+@pytest.fixture(scope="module")
+def behind(tiny_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+    """A run behind each filter: the spray at 370 K is thinner where its vapour is transparent."""
+    runs = {}
+    for name, (edges_um, depth) in FILTERS.items():
+        folder = tmp_path_factory.mktemp(name)
+        scene = tiny_scene.with_(**{"optics.filter_um": edges_um})
+        (folder / "scene.yaml").write_text(dump_scene(scene), encoding="utf-8")
+        for part, thick in (("weights", depth), ("weights_reference", 0.0)):
+            tiny_weights(scene, depth=thick).save(folder / part, pixel_m=(5e-3, 5e-3))
+        runs[name] = [folder]
+    return runs
+
+
+@pytest.fixture
+def wheel(
+    tiny_scene: Scene, behind: dict[str, list[Path]], tiny_plan: Plan, tmp_path: Path
+) -> Mission:
+    """The rig with a wheel, and a plan of both filters."""
+    data = simulated_rig_data(tiny_scene, behind["fuel"][0], filters=behind)
+    data["filter_wheel"]["settings"] = {}
+    data["trigger"]["settings"]["pulse_log"] = str(tmp_path / "pulses.jsonl")
+    plan = tiny_plan.model_copy(update={"filters": tuple(FILTERS), "shots": 2, "references": 2})
+    return Mission(data, plan, tmp_path / "a")
+
+
+def saved(folder: Path) -> list[dict[str, Any]]:
+    return [e for e in read_journal(folder / "journal.jsonl") if e["event"] == "saved"]
+
+
+def right_light(folder: Path) -> None:
+    """Every kept image was taken through the filter that it names, whatever is read from the wheel:
+    with one exposure, the black body gives 2.0 (440 K) and 1.8 times (480 K) the counts in 3.8 to
+    4.0 um as in 3.3 to 3.5 um, by Planck's law for photons."""
+    opened = open_acquisition(folder)
+    offset = opened.calibrations[0]["offset_counts"]
+    levels: dict[tuple[int, str], list[float]] = {}
+    for shot in opened.shots:
+        if shot.kind == "reference":
+            name = opened.plan.filters[shot.filter]
+            level = float(opened.load(shot)[5:7, 7:9].mean()) - offset
+            levels.setdefault((shot.background, name), []).append(level)
+    for background in (0, 1):
+        low, high = (levels[background, name] for name in FILTERS)
+        assert max(low) < min(high) / 1.5
+
+
+def test_ids_and_order() -> None:
+    plan = Plan(
+        backgrounds_K=(400.0, 440.0),
+        filters=("a", "b"),
+        delays_s=(1e-3, 2e-3),
+        shots=1,
+        references=1,
+    )
+    ids = [shot.id for shot in plan.steps()]
+    assert ids[:4] == [
+        "b00_f00_d00_ref_00",
+        "b00_f00_d00_inj_00",
+        "b00_f00_d01_ref_00",
+        "b00_f00_d01_inj_00",
+    ]
+    assert ids[4] == "b00_f01_d00_ref_00" and len(set(ids)) == 16
+    assert plan.groups == (Group(0, 0), Group(0, 1), Group(1, 0), Group(1, 1))
+    last = plan.steps()[-1]
+    assert plan.describe(last) == "440 K, b, 2 ms, injection 1"
+    assert [plan.filter_name(shot) for shot in plan.from_filter(plan.steps()[:8], "b")] == [
+        *4 * ["b"],
+        *4 * ["a"],
+    ]
+
+
+def test_old_plans_keep_their_hash() -> None:
+    """The hash of a folder that a version without filters filled."""
+    old = parse_plan({"backgrounds_K": [400, 440]})
+    assert old.hash() == "aa8f42c36fc5d193d7a89183224685bc79f5b90229aa711978793fa010fe1427"
+    assert old.hash() != parse_plan({"backgrounds_K": [400, 440], "filters": ["a"]}).hash()
+    assert old.filter_name(old.steps()[0]) is None
+
+
+@pytest.mark.parametrize(
+    ("filters", "message"),
+    [
+        (["a", "b", "a"], "filters: a twice; allowed: each filter once"),
+        (["a/b"], "filters: 'a/b' is no name; allowed: up to 40 letters"),
+        (["..", "a"], "filters: '..' is no name"),
+    ],
+)
+def test_refused(filters: list[str], message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        parse_plan({"backgrounds_K": [400], "filters": filters})
+    assert message in str(caught.value)
+
+
+def test_each_filter_is_recorded_and_evaluated_apart(wheel: Mission) -> None:
+    """The emissivity of each filter is that of its own run, 1 - exp(-depth), where shots scatter by
+    5 %, and T_app is 370 K with both; each black body was set once, and the wheel moved thrice."""
+    assert wheel.acquire().complete
+    entries = read_journal(wheel.folder / "journal.jsonl")
+    assert [entry["filter"] for entry in entries if entry["event"] == "filter"] == [
+        "fuel", "droplets", "fuel",
+    ]  # fmt: skip
+    assert [entry["event"] for entry in entries].count("stable") == 2
+    for entry in saved(wheel.folder):
+        name = tuple(FILTERS)[int(entry["shot"][5:7])]
+        assert entry["filter"] == name
+        meta = read_image(wheel.folder / "shots" / f"{entry['shot']}.tif")[1]
+        assert meta["filter"] == name
+    opened = open_acquisition(wheel.folder)
+    assert len(opened.shots) == 16 and len(opened.of_group(Group(filter=1)).shots) == 8
+    assert opened.of_group(Group(filter=1)).filter_um == (3.8, 4.0)
+    with pytest.raises(RunFolderError, match=r"2 filters \(fuel, droplets\)"):
+        _ = opened.calibration
+    with pytest.raises(EvaluationError, match=r"2 filters \(fuel, droplets\); give `filter_name`"):
+        evaluate_folder(wheel.folder)
+    with pytest.raises(EvaluationError, match="filter_name red; allowed: fuel, droplets"):
+        evaluate_folder(wheel.folder, filter_name="red")
+    assert [item.filter_name for item in evaluate_delays(wheel.folder)] == list(FILTERS)
+    for name, (_, depth) in FILTERS.items():
+        place = wheel.folder / "maps" / name
+        maps = Maps.load(place)
+        emissivity = float(np.nanmean(maps.emissivity[5:7, 7:9]))
+        assert abs(emissivity - (1.0 - np.exp(-depth))) < 0.08
+        apparent_K = maps.apparent_temperature_K[5:7, 7:9]
+        error_K = maps.apparent_temperature_standard_error_K[5:7, 7:9]
+        assert np.all(np.abs(apparent_K - 370.0) < 5.0 * error_K)
+    assert {place.name for place in (wheel.folder / "maps").iterdir()} == set(FILTERS)
+
+
+@pytest.mark.slow
+def test_commands_and_exports(wheel: Mission) -> None:
+    wheel.acquire()
+    for command, file in (("evaluate", "report.html"), ("show", "maps.png")):
+        result = CliRunner().invoke(main, [command, str(wheel.folder)])
+        assert result.exit_code == 0, result.output
+        assert all((wheel.folder / "maps" / name / file).is_file() for name in FILTERS)
+        if command == "evaluate":
+            assert "fuel:" in result.output and "droplets:" in result.output
+    with tifffile.TiffFile(export(open_acquisition(wheel.folder), "ome-tiff")) as tiff:
+        assert len(tiff.series) == 2 * 2 * 2
+        assert "440 K injection at droplets" in str(tiff.ome_metadata)
+    names = [item.head["name"] for item in _measured_items(wheel.folder)]
+    assert names == ["a, fuel", "a, droplets"]
+
+
+def test_one_filter_is_a_plain_folder(wheel: Mission) -> None:
+    """Ids and folders are those without a wheel, the calibration is that of the filter."""
+    plan = wheel.plan.model_copy(update={"filters": ("droplets",)})
+    assert wheel.acquire(plan=plan).complete
+    assert saved(wheel.folder)[0]["shot"] == "b00_ref_00"  # one filter, one delay: plain ids
+    (only,) = evaluate_delays(wheel.folder)
+    assert only.filter_name == "droplets" and only.folder == wheel.folder / "maps"
+    assert only.evaluation is not None and only.evaluation.calibration.filter_um == (3.8, 4.0)
+
+
+def test_a_wheel_that_is_turned_between_shots(wheel: Mission) -> None:
+    """Somebody turns the wheel after every third reading. Each shot that it spoiled is refused with
+    the reason, the wheel is moved back, and all images show the right light."""
+    wheel.data["filter_wheel"]["settings"]["turned"] = 0.33
+    record = wheel.acquire(plan=wheel.plan.model_copy(update={"retakes": 20}))
+    assert record.complete and record.rejected > 2
+    reasons = [
+        entry["reason"]
+        for entry in read_journal(wheel.folder / "journal.jsonl")
+        if entry["event"] == "rejected"
+    ]
+    assert {reason.rpartition(" ")[0] for reason in reasons} <= {
+        f"filter: {wrong} in place of {right} {when} the"
+        for wrong, right in (("fuel", "droplets"), ("droplets", "fuel"))
+        for when in ("before", "after")
+    }
+    assert any("before" in reason for reason in reasons)
+    assert any("after" in reason for reason in reasons)
+    right_light(wheel.folder)
+
+
+@pytest.mark.parametrize("turned", ["between shots", "within a shot", "stuck"])
+def test_the_fw102c_in_a_sequence(turned: str, wheel: Mission) -> None:
+    """The driver of the instrument with its emulator, through which the simulated camera sees."""
+    pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig]")
+    bench = open_rig(wheel.data)
+    bench.connect()
+    assert bench.filter_wheel is not None
+    filters = [item.model_dump(mode="json") for item in bench.filter_wheel.filters]
+    bench.close()
+    with FilterWheelPeer(serial=True) as peer, ExitStack() as stack:
+        settings = {"serial": peer.serial, "filters": filters, "moving_s": 0.5}
+        wheel.data["filter_wheel"] = {"driver": "fw102c", "settings": settings}
+        fired = 0
+
+        def hand(trigger: Any) -> dict[str, Any]:
+            def fire() -> None:
+                nonlocal fired
+                fired += 1
+                if turned == "within a shot" and fired == 3:
+                    peer.turn()
+                trigger.fire()
+
+            return {"fire": fire}
+
+        def counts_as_simulated(device: Any) -> dict[str, Any]:  # its clock is
+            return {"identify": lambda: replace(device.identify(), simulated=True)}
+
+        rig = wheel.rig(trigger=hand, filter_wheel=counts_as_simulated)
+        stack.callback(rig.close)
+        peer.clock = rig.clock
+        camera: Any = rig.camera
+        camera.inner._bench.attach_wheel(lambda time_s: (peer.position - 1) % 2)
+
+        hands: list[str] = []
+
+        def between(progress: Any) -> None:
+            if turned == "between shots" and progress.done == 3 and not hands:
+                hands.append("turned")
+                peer.turn()
+            peer.stuck = turned == "stuck"
+
+        if turned == "stuck":
+            with pytest.raises(DeviceTimeout, match=r"position 1 0\.5 s after 2 \(droplets\)"):
+                wheel.acquire(rig, progress=between)
+            assert {entry["filter"] for entry in saved(wheel.folder)} == {"fuel"}
+            return
+        record = wheel.acquire(rig, progress=between)
+        assert record.complete and record.rejected == 1
+        (reason,) = (
+            entry["reason"]
+            for entry in read_journal(wheel.folder / "journal.jsonl")
+            if entry["event"] == "rejected"
+        )
+        when = "after" if turned == "within a shot" else "before"
+        assert reason == f"filter: droplets in place of fuel {when} the shot"
+        right_light(wheel.folder)
+
+
+def test_a_wheel_that_sticks(wheel: Mission) -> None:
+    """The sequence ends with an error, safe, with the images of the first filter; nothing is saved
+    under the second one. Once the wheel moves again, the same command completes it."""
+    wheel.data["filter_wheel"]["settings"]["sticks_after"] = 0
+    rig = wheel.rig()
+    with pytest.raises(DeviceTimeout, match=r"at position 1 1 s after 2 \(droplets\)"):
+        wheel.acquire(rig)
+    assert {entry["filter"] for entry in saved(wheel.folder)} == {"fuel"}
+    assert rig.trigger.read_configuration()["inhibited"]
+    assert rig.background.read_configuration()["setpoint_K"] == 295.0
+    del wheel.data["filter_wheel"]["settings"]["sticks_after"]
+    assert wheel.acquire().complete
+    right_light(wheel.folder)
+
+
+@pytest.mark.parametrize(
+    ("fault", "value", "error"),
+    [("late", 0.1, DeviceTimeout), ("unplug_after", 7, NotConnected)],
+)
+def test_a_wheel_that_is_lost(
+    fault: str, value: float, error: type[Exception], wheel: Mission
+) -> None:
+    """A reading that does not come ends the sequence; the shot that was fired is lost, not saved,
+    and an unreachable wheel is no danger: no false alarm."""
+    wheel.data["filter_wheel"]["settings"][fault] = value
+    with pytest.raises(error, match="filter_wheel") as caught:
+        wheel.acquire()
+    assert "not made safe" not in str(caught.value)
+    fired = [p for p in pulses(wheel.data) if p["pulses"]]
+    events = [entry["event"] for entry in read_journal(wheel.folder / "journal.jsonl")]
+    assert events.count("fired") == len(fired) == events.count("saved") + events.count("lost")
+    del wheel.data["filter_wheel"]["settings"][fault]
+    assert wheel.acquire().complete
+    right_light(wheel.folder)
+
+
+def test_a_wheel_that_nobody_can_trust(wheel: Mission) -> None:
+    """Turned after every reading, no shot is ever kept, and the retakes are bounded."""
+    wheel.data["filter_wheel"]["settings"]["turned"] = 1.0
+    with pytest.raises(RetakesExhausted, match="at last for filter: droplets in place of fuel"):
+        wheel.acquire()
+    assert not saved(wheel.folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d, p: p.update(filters=()), "filters: none: the rig has a filter wheel; allowed"),
+        (lambda d, p: p.update(filters=("red",)), "filters: red: no such filter; allowed: fuel, d"),
+        (lambda d, p: d.pop("filter_wheel"), "filters: fuel, droplets: the rig has no filter whe"),
+    ],
+)
+def test_plans_that_do_not_fit_the_rig(
+    change: Callable[[dict[str, Any], dict[str, Any]], Any], message: str, wheel: Mission
+) -> None:
+    """The dry run and the acquisition refuse in the same words, before anything moves."""
+    changed: dict[str, Any] = {}
+    change(wheel.data, changed)
+    plan = wheel.plan.model_copy(update=changed)
+    (problem,) = dry_run(open_rig(wheel.data), plan, wheel.folder).problems
+    with pytest.raises(ConfigRejected) as caught:
+        acquire(open_rig(wheel.data), plan, wheel.folder)
+    assert problem == str(caught.value) and message in problem
+    assert not pulses(wheel.data)
+
+
+def test_a_folder_is_not_continued_with_other_filters(wheel: Mission) -> None:
+    wheel.acquire(stop_after=2)
+    runs = wheel.data["bench"]["settings"]["filters"]
+    runs["fuel"], runs["droplets"] = runs["droplets"], runs["fuel"]
+    with pytest.raises(RunFolderError, match="filter fuel: "):
+        wheel.acquire()
+
+
+def test_an_image_of_another_filter_than_planned_is_refused(
+    wheel: Mission, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The journal has the filter of every image, and the plan that of every shot."""
+    wheel.acquire(stop_after=1)
+    monkeypatch.setattr(Plan, "filter_name", lambda self, part: "droplets")
+    with pytest.raises(RunFolderError, match="recorded with filter fuel, planned was droplets"):
+        open_acquisition(wheel.folder)
+
+
+def test_the_dry_run_counts_the_moves(wheel: Mission) -> None:
+    """Three moves of 1 s: both filters, then the second is there at the second background."""
+    plain = wheel.plan
+    wheel.data["filter_wheel"]["settings"]["moving_s"] = 0.0
+    still_s = dry_run(open_rig(wheel.data), plain, wheel.folder).time_s
+    wheel.data["filter_wheel"]["settings"]["moving_s"] = 10.0
+    assert dry_run(open_rig(wheel.data), plain, wheel.folder).time_s - still_s == 30.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d["bench"]["settings"].pop("filters"), "filters: is missing; a simulated wheel"),
+        (lambda d: d["bench"]["settings"]["filters"].update(red=[]), "filters.red"),
+        (lambda d: d["filter_wheel"]["settings"].update(stuck=1), "settings.stuck: unknown key"),
+        (lambda d: d["filter_wheel"].update(driver="fw103"), "did you mean fw102c?"),
+    ],
+)
+def test_rig_files(change: Callable[[dict[str, Any]], Any], message: str, wheel: Mission) -> None:
+    change(wheel.data)
+    with pytest.raises(SceneError) as caught:
+        open_rig(wheel.data)
+    assert message in str(caught.value)
+
+
+def test_runs_of_another_scene_behind_a_filter(
+    wheel: Mission, tiny_scene: Scene, tmp_path: Path
+) -> None:
+    scene = tiny_scene.with_(**{"walls.temperature_K": 430.0})
+    (tmp_path / "scene.yaml").write_text(dump_scene(scene), encoding="utf-8")
+    for part in ("weights", "weights_reference"):
+        tiny_weights(scene, depth=1.0).save(tmp_path / part, pixel_m=(5e-3, 5e-3))
+    wheel.data["bench"]["settings"]["filters"]["fuel"] = [str(tmp_path)]
+    with pytest.raises(NotConnected, match="filters: fuel: its runs differ from `run`"):
+        wheel.acquire()

@@ -1,0 +1,112 @@
+"""Names are the field's terms, not pronouns, participles or counts.
+
+`WORDS` do not say what a thing is. In a room of `FINISHED` no variable, argument or field has such
+a name but for those listed, most of which users write. `SHARES` has the other rooms, with the
+share of their names in percent, which only falls; a room whose share is 0 moves to `FINISHED`.
+`python tests/unit/test_names.py [ROOM]` prints shares, or the places in a room.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+WORDS = frozenset(
+    """
+    after all_ alone apart around away before both each every far few first found given here how
+    known last least left made many mine more most much near now one other others own said says
+    second some text their then there told together wanted what which who whole why
+    """.split()
+)
+FINISHED: dict[str, str] = {
+    "acquisition": "first last",  # images and shots by their order
+    "api": "one other",  # of `cldit.separate`
+    "bench": "text",  # of a part of the page
+    "camera": "",
+    "cfd": "first second text why",
+    "cli": "",
+    "dit": "says text",
+    "drivers": "",
+    "gpu": "others",  # of `Device`
+    "io": "what",  # of `Run.plot`
+    "medium": "first last whole",
+    "optics": "near",
+    "prepare": "made text",
+    "radiance": "around",
+    "rig": "",
+    "run": "wanted",  # of `cldit.opencl_device`
+    "scene": "",
+    "spray": "",
+    "testing": "first last text told wanted what",  # of the contract, for authors of drivers
+}
+SHARES: dict[str, float] = {
+    "accuracy": 16.0,
+    "comparison": 20.5,
+    "show": 11.0,
+    "study": 11.0,
+    "transport": 10.0,
+}
+
+
+@cache
+def names(room: str) -> list[tuple[str, str]]:
+    """Names bound in a room, each with its place."""
+    top = ROOT / room if room == "drivers" else ROOT / "cldit" / room
+    bound: list[tuple[str, str]] = []
+    for path in sorted(top.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            name = ""
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                name = node.id
+            elif isinstance(node, ast.arg):
+                name = node.arg
+            elif isinstance(node, ast.ExceptHandler):
+                name = node.name or ""
+            if name:
+                bound.append((name, f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"))
+    return bound
+
+
+def share(room: str) -> float:
+    """Names of `WORDS` in a room, in percent."""
+    bound = names(room)
+    return 100.0 * sum(name in WORDS for name, _ in bound) / len(bound)
+
+
+def rooms() -> list[str]:
+    folders = (path.name for path in (ROOT / "cldit").iterdir() if (path / "__init__.py").exists())
+    return sorted({*folders, "drivers"} - {"kernels"})
+
+
+@pytest.mark.parametrize("room", FINISHED)
+def test_a_finished_room_names_things_by_what_they_are(room: str) -> None:
+    kept = set(FINISHED[room].split())
+    again = [f"{place}: {name}" for name, place in names(room) if name in WORDS - kept]
+    assert not again, "\n".join(again)
+    assert kept <= {name for name, _ in names(room)}, f"{room}: {kept} are not all there"
+
+
+@pytest.mark.parametrize("room", SHARES)
+def test_the_share_of_a_room_only_falls(room: str) -> None:
+    assert share(room) <= SHARES[room], f"{room}: {share(room):.1f} % of {SHARES[room]} %"
+
+
+def test_every_room_is_listed() -> None:
+    assert sorted([*FINISHED, *SHARES]) == rooms()
+
+
+def report(room: str | None) -> None:
+    for name in rooms() if room is None else ():
+        print(f"{name:14}{share(name):6.1f} % of {len(names(name)):5} names")
+    for name, place in names(room) if room is not None else ():
+        if name in WORDS:
+            print(f"{place}: {name}")
+
+
+if __name__ == "__main__":
+    report(sys.argv[1] if len(sys.argv) > 1 else None)
