@@ -1,13 +1,15 @@
 """Plans of measurements: backgrounds, injections and references for an error, or for a verdict."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cldit.acquisition.plan import Plan, plan_from_scene
+from cldit.comparison.rivals import in_band
+from cldit.comparison.unknowns import DEFAULT, unknowns_of
 from cldit.dit.design import (
     BlackBody,
     Design,
@@ -72,12 +74,14 @@ class PlannedMeasurement:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedSeparation:
-    """The nearest plan of each delay to tell two models apart.
+    """The nearest plan of each delay and band to tell two models apart.
 
-    plan: of the fastest delay; None, and no file, if no number of injections is enough.
+    unknowns: free parameters with their deviations. plan: of the fastest delay and band; None, and
+    no file, if no number of injections is enough.
     """
 
     separations: tuple[Separation, ...]
+    unknowns: tuple[str, ...]
     plan: Plan | None
     folder: Path
     files: tuple[Path, ...]
@@ -93,7 +97,7 @@ class PlannedSeparation:
             {**asdict(separation), "chosen": separation is self.chosen, "verdict": separation.text}
             for separation in self.separations
         ]
-        return {"folder": self.folder, "plans": plans}
+        return {"folder": self.folder, "unknowns": self.unknowns, "plans": plans}
 
 
 def plan(
@@ -185,6 +189,8 @@ def separate(
     out: str | Path | None = None,
     *,
     delays: Times | None = None,
+    bands: Sequence[Scene | str | Path] = (),
+    unknowns: Mapping[str, float | str] | str | Path | None = None,
     least_emissivity: float = 0.2,
     limits_K: tuple[float, float] | None = None,
     device: Device | None = None,
@@ -196,44 +202,56 @@ def separate(
         one, other: scenes, shipped names, or YAML files.
         out: folder of the runs and of plan.yaml; None: runs/ONE-or-OTHER.
         delays: to choose from, as `times` of `cldit.run_series`; None: those of the first scene.
+        bands: scenes whose filter and optical properties are further choices, such as
+            `gdi-extinction`.
+        unknowns: standard deviation of each key that is not known, in its unit or as `"5 %"`, or a
+            YAML file of them; `[*]` is each item of a list. None: mixing length, cone angle, drop
+            size, mass, start and temperature of the gas, as far as the scene has them.
         least_emissivity, limits_K: as for `cldit.plan`.
         device: OpenCL device; None chooses.
         progress: called with lines of text.
 
     Raises:
         EvaluationError: the scenes are not seen alike.
+        StudyError: a key or deviation of `unknowns` is not allowed.
         ClditError: as `cldit.simulate`.
     """
     models: Sequence[Scene] = (chosen_scene(one), chosen_scene(other))
     baseline, rival = models
     folder = Path("runs") / f"{baseline.name}-or-{rival.name}" if out is None else Path(out)
     delays_s = SeriesPlan.of(baseline, delays).scenes if delays else baseline.plan.delays_s
+    filters = {scene.name: scene for scene in (chosen_scene(band) for band in bands)}
+    free = unknowns_of(baseline, DEFAULT if unknowns is None else unknowns)
     separations = separations_of(
         baseline,
         rival,
         folder,
         _blackbody(baseline, limits_K),
         delays_s=tuple(delays_s),
+        bands=filters,
+        unknowns=free,
         least_emissivity=least_emissivity,
         device=device,
         progress=progress,
     )
-    planned = PlannedSeparation(separations=tuple(separations), plan=None, folder=folder, files=())
+    planned = PlannedSeparation(
+        separations=tuple(separations),
+        unknowns=tuple(one.text for one in free),
+        plan=None,
+        folder=folder,
+        files=(),
+    )
     best = planned.chosen
     if best.shots is None:
         return planned
-    measurement = plan_from_scene(
-        baseline if best.delay_s is None else scene_at(baseline, best.delay_s)
-    )
+    measured = baseline if best.delay_s is None else scene_at(baseline, best.delay_s)
+    if best.band:
+        measured = in_band(measured, filters[best.band])
+    measurement = plan_from_scene(measured)
     sizes = {"backgrounds_K": best.backgrounds_K, "shots": best.shots, "references": best.shots}
     measurement = measurement.model_copy(update={**sizes, "delays_s": ()})
     write_text(folder / "plan.yaml", measurement.dump())
-    return PlannedSeparation(
-        separations=planned.separations,
-        plan=measurement,
-        folder=folder,
-        files=(folder / "plan.yaml",),
-    )
+    return replace(planned, plan=measurement, files=(folder / "plan.yaml",))
 
 
 def _blackbody(scene: Scene, limits_K: tuple[float, float] | None) -> BlackBody:

@@ -10,7 +10,7 @@ from cldit.cli.console import OUT, ProgressBar, plain_errors, print_table, say
 from cldit.cli.options import KELVIN, PATH, SCENE, device_option, figures_option
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_next
-from cldit.dit.separation import Separation
+from cldit.dit.separation import OBSERVABLES, Separation
 from cldit.run.trusted import open_device
 from cldit.scene.delays import delay_text
 
@@ -26,6 +26,18 @@ from cldit.scene.delays import delay_text
     help="In place of SCENE and --error: tell two models of a spray apart.",
 )
 @click.option("--delays", metavar="MS,MS,..", help="With --separate: delays to choose from.")
+@click.option(
+    "--band",
+    "bands",
+    type=SCENE,
+    multiple=True,
+    help="With --separate: a scene with another filter to choose from, such as gdi-extinction.",
+)
+@click.option(
+    "--unknowns",
+    type=PATH,
+    help="With --separate: YAML file of what is not known, KEY: DEVIATION.",
+)
 @click.option(
     "--emissivity-error",
     type=click.FloatRange(1e-5, 1.0),
@@ -61,6 +73,8 @@ def plan_command(
     error_K: float | None,
     rivals: tuple[str, str] | None,
     delays: str | None,
+    bands: tuple[str, ...],
+    unknowns: Path | None,
     emissivity_error: float,
     quantile: float,
     least_emissivity: float,
@@ -81,18 +95,23 @@ def plan_command(
             *rivals,
             out,
             delays=delays,
+            bands=bands,
+            unknowns=unknowns,
             least_emissivity=least_emissivity,
             limits_K=limits_K,
             device=open_device(device),
             progress=say,
         )
         _print_separations(separation.separations)
+        OUT.print(f"not known: {', '.join(separation.unknowns) or 'nothing'}")
         OUT.print(separation.chosen.text, style="bold")
         print_files(*separation.files)
         code = Exit.DIFFERS if separation.plan is None else Exit.DONE
         return Outcome(separation.to_dict(), code)
-    if scene is None or error_K is None or delays is not None:
-        raise click.UsageError("allowed: SCENE --error K, or --separate A B with --delays")
+    if scene is None or error_K is None or delays or bands or unknowns:
+        raise click.UsageError(
+            "allowed: SCENE --error K, or --separate A B with --delays, --band and --unknowns"
+        )
     if not error_K > 0.0:
         raise click.BadParameter(f"{error_K:g} K; allowed: more than 0", param_hint="--error")
     with ProgressBar() as bar:
@@ -132,18 +151,22 @@ def _print_separations(separations: tuple[Separation, ...]) -> None:
     rows = [
         (
             "" if separation.delay_s is None else delay_text(separation.delay_s),
+            separation.band or "the scenes'",
             f"{len(separation.backgrounds_K)}: "
             f"{separation.backgrounds_K[0]:g} .. {separation.backgrounds_K[-1]:g}",
             "none" if separation.shots is None else str(separation.shots),
             f"{separation.distance:.2g}",
+            *(f"{separation.distances[name]:.2g}" for name in OBSERVABLES),
             f"{separation.of_noise:.2g}",
             f"{separation.rms_K:.2g}",
+            f"{separation.rms_emissivity:.2g}",
             "" if separation.time_s is None else f"{separation.time_s / 60:.0f}",
         )
         for separation in separations
     ]
-    heads = ("delay", "backgrounds / K", "shots", "sigma", "by noise", "RMS / K", "min")
-    print_table(*heads, rows=rows)
+    alone = (f"by {name}" for name in OBSERVABLES)
+    errors = ("by noise", "RMS / K", "of emissivity", "min")
+    print_table("delay", "band", "backgrounds / K", "shots", "sigma", *alone, *errors, rows=rows)
 
 
 def _print_designs(planned: PlannedMeasurement, least_emissivity: float) -> None:

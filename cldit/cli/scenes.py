@@ -1,6 +1,7 @@
 """`cldit scenes`: the shipped scenes, and their schema."""
 
 import json
+from typing import Any
 
 import click
 
@@ -23,10 +24,20 @@ def scenes(show: str | None, schema: bool) -> Outcome:
         tell(commented(scene), end="")
         return Outcome(scene.model_dump(mode="json"))
     if schema:
-        tell(json.dumps(Scene.model_json_schema(), indent=2))
-        return Outcome(Scene.model_json_schema())
+        made = _schema()
+        tell(json.dumps(made, indent=2))
+        return Outcome(made)
     descriptions = shipped_scenes()
     print_table("scene", "", rows=descriptions.items())
     return Outcome(
         [{"name": name, "description": description} for name, description in descriptions.items()]
     )
+
+
+def _schema() -> dict[str, Any]:
+    """JSON schema of scene files, which may be based on another scene."""
+    schema = Scene.model_json_schema()
+    alone = schema.pop("required")
+    text = "Shipped name or .yaml file of a scene, whose keys apply where this file has none."
+    schema["properties"]["base"] = {"type": "string", "description": text}
+    return {**schema, "anyOf": [{"required": ["base"]}, {"required": alone}]}

@@ -5,6 +5,8 @@ that two of them have in common, `lines.py` adds systematic errors of simulation
 brings both onto the same pixels, `registration.py` into one view. `difference.py` subtracts them;
 `tested.py` tests the difference by region, `permutation.py` injections on both sides. `causes.py`
 finds what explains it, `verdict.py` puts it into words. `compare.py` does so for several.
+
+`rivals.py` and `unknowns.py` prepare two models, and what is not known of them, for a plan.
 """
 
 from cldit.comparison.compare import Comparison, compare

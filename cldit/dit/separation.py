@@ -1,17 +1,28 @@
-"""Injections that tell two models of a spray apart, or that none would.
+"""Distance of two models of a spray by their observables, and the injections that tell them apart.
 
-The difference d (N,) of T_app between two models is compared with its covariance
+The observables of a band are T_app and emissivity, each a mean over blocks of pixels as wide as the
+scatter between injections is correlated in the image. Where vapour is transparent, the emissivity,
+1 - slope of the signals over the background, is the droplets' extinction. The difference d of two
+models has with n injections the covariance
 
-    C = D / n + S S' / n + U U' + u u'
+    C = D / n + sum_s w_s (U_s U_s' + V_s)        w_s = 1 or 1 / n
 
-with D the noise of the camera of one injection and one reference per background, S the common part
-of the scatter of the optical depth, and U the errors of the setup (`cldit.dit.budget`), whose
-images are known. Of the errors of both simulations, and of the differences between injections that
-`spray.scatter` describes, the size s is known in every pixel but hardly their image. They are taken
-to be one error u for all pixels, with the least favourable image: u = d t within -s to s, for the
-factor t with which the models look most alike. Errors that the simulations share belong to s as
-well: they leave d as it is, and make either model look like the other. The likelihood ratio of the
-models then has the distance
+with D the noise of the camera of one injection and one reference per background, in which T_app and
+emissivity of a block are correlated. U_s are changes of all observables by one standard deviation
+of an error s. Of a free parameter this is its derivative times the deviation of its prior: with G
+all of these and P the priors' covariance, they add G P G', so that a combination of parameters
+that mimics d leaves no more of it than the priors exclude. Errors of the setup
+(`cldit.dit.budget`) are such images, too, and have V = 0. Other images are samples of an error
+whose next image differs: what the derivatives leave of sprays with drawn parameters and random
+numbers (chance and curvature), and the step to wider cells. They count once as images, and once
+as V, independent from block to block. Its block diagonal is that of U U' for M images, with the
+mean of all blocks as one sample more,
+
+    V = (M [U U'] + mean [U U']) / (M + 1)
+
+since a spray reaches blocks that a few samples leave dark. Means of n injections have 1 / n of it.
+
+The likelihood ratio of the models then has the distance (generalised least squares)
 
     z = (d' C^-1 d)^1/2
 
@@ -21,47 +32,151 @@ measurements if z is at least 3.97.
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Mask
 from cldit.dit.budget import budget
 from cldit.dit.design import MOST_SHOTS, BlackBody, temperatures_K
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
-from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Surroundings
-from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 
 LEVEL, POWER = 0.01, 0.95
 NEEDED = float(ndtri(1.0 - LEVEL) + ndtri(POWER))
+OBSERVABLES = ("T_app", "emissivity")
 _LEVELS = 5  # of the lowest and of the highest background that are tried
-_FACTORS = np.geomspace(1e-4, 1e4, 25)  # t
-_BETWEEN = np.geomspace(0.47, 2.15, 17)  # to the next of these: z to 5 %
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """Changes (M, B, 2) of the observables of B blocks by one standard deviation of M errors.
+
+    by_injection: True if the errors of n injections are independent. apart: (B, 2, 2) covariance of
+    a part that is independent from block to block.
+    """
+
+    name: str
+    images: Floats
+    by_injection: bool = False
+    apart: Floats | float = 0.0
+
+    @classmethod
+    def sampled(cls, name: str, images: Floats, *, by_injection: bool = False) -> "Source":
+        """A source whose images are samples, the sum of whose squares is the variance."""
+        blocks = np.einsum("mbi,mbj->bij", images, images)
+        count = len(images)
+        apart = (count * blocks + blocks.mean(axis=0)) / (count + 1)
+        return cls(name=name, images=images, by_injection=by_injection, apart=apart)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeparationTest:
+    """Difference (B, 2) of two models, its noise (B, 2, 2), and the errors of other sources."""
+
+    change: Floats
+    noise: Floats
+    sources: tuple[Source, ...] = ()
+
+    @classmethod
+    def joined(cls, tests: Sequence["SeparationTest"]) -> "SeparationTest":
+        """The test of several bands: fixed errors of one name are the same error in all of them.
+
+        Each band has injections of its own.
+        """
+        sizes = [len(test.change) for test in tests]
+        sources: dict[tuple[str, int], Source] = {}
+        for number, test in enumerate(tests):
+            for one in test.sources:
+                padded = [np.zeros((len(one.images), size, 2)) for size in sizes]
+                aparts = [np.zeros((size, 2, 2)) for size in sizes]
+                padded[number], aparts[number] = one.images, aparts[number] + one.apart
+                images, apart = np.concatenate(padded, axis=1), np.concatenate(aparts)
+                key = one.name, number if one.by_injection else -1
+                if key in sources:
+                    images, apart = images + sources[key].images, apart + sources[key].apart
+                sources[key] = replace(one, images=images, apart=apart)
+        return cls(
+            change=np.concatenate([test.change for test in tests]),
+            noise=np.concatenate([test.noise for test in tests]),
+            sources=tuple(sources.values()),
+        )
+
+    def without(self, *names: str) -> "SeparationTest":
+        """The same without some sources; without any names, with noise alone."""
+        kept = [one for one in self.sources if names and one.name not in names]
+        return replace(self, sources=tuple(kept))
+
+    def distance(self, shots: float, observables: Iterable[str] = OBSERVABLES) -> float:
+        """z with so many injections, and references, per background, of some observables."""
+        return math.sqrt(self.product(self.change, self.change, shots, observables))
+
+    def score(
+        self, residual: Floats, shots: float, observables: Iterable[str] = OBSERVABLES
+    ) -> float:
+        """Likelihood ratio in standard deviations, of data less the first model, (B, 2).
+
+        It is normal, of variance 1, about 0 if the first model is true and about z if the second.
+        """
+        return self.product(self.change, residual, shots, observables) / self.distance(
+            shots, observables
+        )
+
+    def product(
+        self, one: Floats, other: Floats, shots: float, observables: Iterable[str] = OBSERVABLES
+    ) -> float:
+        """one' C^-1 other, by Woodbury's identity.
+
+        It is a sum of what the images leave and of their sizes; as a difference it would lose all
+        digits.
+        """
+        used = [OBSERVABLES.index(name) for name in observables]
+        blocks = self.noise / shots
+        rows = [np.zeros((0, *self.change.shape))]
+        for source in self.sources:
+            share = 1.0 / shots if source.by_injection else 1.0
+            rows.append(source.images * math.sqrt(share))
+            blocks = blocks + source.apart * share
+        precision = np.zeros_like(blocks)
+        at = np.ix_(range(len(blocks)), used, used)
+        precision[at] = np.linalg.inv(blocks[at])
+        u = np.concatenate(rows)
+        weighted = np.einsum("mbi,bij->mbj", u, precision)
+        inner = np.eye(len(u)) + np.einsum("mbj,kbj->mk", weighted, u)
+        both = np.stack([one, other])
+        sizes = np.linalg.solve(inner, np.einsum("mbj,kbj->mk", weighted, both))
+        rest = both - np.einsum("mk,mbj->kbj", sizes, u)
+        left = np.einsum("bi,bij,bj->", rest[0], precision, rest[1])
+        return float(left + sizes[:, 0] @ sizes[:, 1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Separation:
-    """The fastest plan at one delay that separates two models, or the nearest to it.
+    """The fastest plan at one delay and band that separates two models, or the nearest to it.
 
     shots: injections, and references, per background; None: no number of them does. distance: z of
-    the plan, or of the most shots. of_noise: z for the same shots if setup and simulations had no
-    error. time_s: None if none is enough; includes the waiting for the black body. rms_K: of the
-    difference. largest: error that all shots share without which z would rise most.
+    the plan, or of the most shots; distances: of each observable alone. of_noise: z for the same
+    shots with the camera's noise alone. time_s: None if none is enough; includes the waiting for
+    the black body. rms_K, rms_emissivity: of the difference. largest: error that all shots share
+    without which z would rise most.
     """
 
     delay_s: float | None
+    band: str
     backgrounds_K: tuple[float, ...]
     shots: int | None
     distance: float
+    distances: Mapping[str, float]
     of_noise: float
     time_s: float | None
     rms_K: float
+    rms_emissivity: float
     largest: str = ""
 
     @property
@@ -72,34 +187,42 @@ class Separation:
     @property
     def text(self) -> str:
         """Conclusion on one line."""
+        band = f" in the band of {self.band}" if self.band else ""
         if self.shots is not None:
             return (
                 f"{self.shots} injections and references at each of {len(self.backgrounds_K)} "
-                f"backgrounds tell them apart: {self.distance:.1f} standard deviations"
+                f"backgrounds{band} tell them apart: {self.distance:.1f} standard deviations"
             )
-        if self.rms_K == 0.0:
-            return "cannot be told: both models have the same T_app"
+        if self.rms_K == self.rms_emissivity == 0.0:
+            return "cannot be told: both models have the same T_app and emissivity"
         limit = f"; most of the error: {self.largest}" if self.largest else ""
         return (
-            f"cannot be told: {MOST_SHOTS} injections leave {self.distance:.1f} standard "
+            f"cannot be told{band}: {MOST_SHOTS} injections leave {self.distance:.1f} standard "
             f"deviations, and {NEEDED:.2g} are needed{limit}"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rivals:
-    """Two models in one view at one delay.
+    """Two models in one view, band and delay, as signals of the same pixels.
 
-    model, rival: signals of the sensor's pixels. injections: spectral weights of single injections
-    of the model, in these pixels. errors_K: (N,) error of the simulations by source.
+    about: the spray whose changes the other ones are. unknowns: with one free parameter larger by
+    the deviation of its prior, by name. draws: with parameters so many deviations larger (P,) and
+    other random numbers. members: single injections; none: they differ as the draws do. coarser:
+    with wider cells. errors: (2, N) of T_app and emissivity of the simulations, by source.
     """
 
     scene: Scene
     model: Subject
     rival: Subject
-    injections: Sequence[Subject]
-    errors_K: Mapping[str, Floats]
+    about: Subject
+    unknowns: Mapping[str, Subject] = field(default_factory=dict)
+    draws: Sequence[tuple[Floats, Subject]] = ()
+    members: Sequence[Subject] = ()
+    coarser: Sequence[Subject] = ()
+    errors: Mapping[str, Floats] = field(default_factory=dict)
     delay_s: float | None = None
+    band: str = ""
 
     def best(
         self, blackbody: BlackBody, *, shot_s: float, counts: Sequence[int] = (2, 3, 5, 7)
@@ -120,158 +243,151 @@ class Rivals:
             )
         plans = [self.at(backgrounds, blackbody, shot_s=shot_s) for backgrounds in tried]
         best = min(plans, key=lambda plan: plan.order)
-        test, shots = self._test(best.backgrounds_K), best.shots or MOST_SHOTS
-        z = {name: test.without(name).distance(shots) for name in (*test.setup, *test.models)}
+        test, shots = self.test(best.backgrounds_K), best.shots or MOST_SHOTS
+        z = {one.name: test.without(one.name).distance(shots) for one in test.sources}
         return replace(best, largest=max(z, key=lambda name: z[name], default=""))
-
-    def distance(self, backgrounds_K: tuple[float, ...], shots: int) -> float:
-        """z with so many injections, and references, at each background."""
-        return self._test(backgrounds_K).distance(shots)
-
-    def rms_K(self, backgrounds_K: tuple[float, ...]) -> float:
-        """RMS of the difference of T_app."""
-        return self._test(backgrounds_K).rms_K
 
     def at(
         self, backgrounds_K: tuple[float, ...], blackbody: BlackBody, *, shot_s: float
     ) -> Separation:
         """The fewest shots that tell the models apart with these backgrounds."""
-        test = self._test(backgrounds_K)
-        shots: int | None = None
-        if test.distance(MOST_SHOTS) >= NEEDED:
-            shots = bisect_left(range(MOST_SHOTS), NEEDED, lo=1, key=test.distance)
+        test = self.test(backgrounds_K)
+        shots = fewest(test)
         taken = MOST_SHOTS if shots is None else shots
         waiting_s = blackbody.time_s(backgrounds_K)
+        rms = np.sqrt(np.mean(test.change**2, axis=0))
         return Separation(
             delay_s=self.delay_s,
+            band=self.band,
             backgrounds_K=backgrounds_K,
             shots=shots,
             distance=test.distance(taken),
-            of_noise=replace(test, setup={}, models={}).distance(taken),
+            distances={name: test.distance(taken, [name]) for name in OBSERVABLES},
+            of_noise=test.without().distance(taken),
             time_s=shots and waiting_s + 2 * shots * len(backgrounds_K) * shot_s,
-            rms_K=test.rms_K,
+            rms_K=float(rms[0]),
+            rms_emissivity=float(rms[1]),
         )
 
-    def _test(self, backgrounds_K: tuple[float, ...]) -> "_Test":
-        calm = replace(self.model, scatter=0.0)
-        at_K = calm.temperature_K(backgrounds_K)
-        change_K = replace(self.rival, scatter=0.0).temperature_K(backgrounds_K) - at_K
-        finite = np.isfinite(change_K)
+    def test(self, backgrounds_K: tuple[float, ...]) -> SeparationTest:
+        """The test with one set of backgrounds."""
+        at, change, blocks = self._seen(backgrounds_K)
+        share = self.model.pixels / self.model.places.size
+        return SeparationTest(
+            change=blocks.mean(change),
+            noise=blocks.variance(self.model.calm.covariance(backgrounds_K)) / share,
+            sources=tuple(self._sources(backgrounds_K, at, blocks)),
+        )
+
+    def data(self, true: Subject, backgrounds_K: tuple[float, ...]) -> Floats:
+        """Observables (B, 2) of another spray less those of the model, in the blocks of `test`."""
+        at, _, blocks = self._seen(backgrounds_K)
+        return blocks.mean(true.calm.observables(backgrounds_K) - at)
+
+    def _seen(self, backgrounds_K: tuple[float, ...]) -> tuple[Floats, Floats, "_Blocks"]:
+        """Observables (2, N) of the model, those of its rival less these, and the blocks."""
+        at = self.model.calm.observables(backgrounds_K)
+        change = self.rival.calm.observables(backgrounds_K) - at
+        finite = np.asarray(np.isfinite(change).all(axis=0))
         if not finite.any():
             raise EvaluationError("no pixel has a T_app with both models")
-        noise_K2 = calm.variances(backgrounds_K)[0].sum(axis=0)
-        bare, spray = calm.both(backgrounds_K)
-        slopes = np.nan_to_num(calm.response(backgrounds_K))
-        depth = slopes * calm.depth_response(bare, spray) * self.model.scatter / math.sqrt(2.0)
-        # The simulated rig's field: a common part, and a smooth one with the correlation
-        # exp(-(r / L)^2), whose integral over the image is pi L^2.
-        length_m = self.scene.spray.scatter.length_m
-        pixel_m2 = float(np.prod(self.scene.camera.field_m)) / self.scene.camera.sensor.pixels[0]
-        pixel_m2 /= self.scene.camera.sensor.pixels[1]
-        noise_K2 = noise_K2 + (depth**2).sum(axis=0) * max(1.0, math.pi * length_m**2 / pixel_m2)
-        varied_K2 = np.zeros_like(noise_K2)
-        if len(self.injections) > 1:
-            seen = np.array([injection.both(backgrounds_K)[1] for injection in self.injections])
-            varied_K2 = np.sum(slopes**2 * seen.var(axis=0, ddof=1), axis=0)
-        share = self.model.pixels / len(finite)
-        return _Test(
-            change_K=change_K[finite],
-            noise_K2=noise_K2[finite] / share,
-            depth=depth[:, finite],
-            varied_K2=varied_K2[finite],
-            setup={
-                name: np.nan_to_num(change[finite])
-                for name, change in self._of_setup(at_K, backgrounds_K).items()
-            },
-            models={name: kelvin[finite] for name, kelvin in self.errors_K.items()},
-        )
+        return at, change, _Blocks.of(self.scene, self.model, np.nan_to_num(at[1]), finite)
 
-    def _of_setup(self, at_K: Floats, backgrounds_K: tuple[float, ...]) -> dict[str, Floats]:
-        """Change of T_app (N,) by each systematic error of a measurement."""
-        bare, spray = (signals[[0, -1]] for signals in self.model.both(backgrounds_K))
-        emissivity = 1.0 - (spray[1] - spray[0]) / (bare[1] - bare[0])
-        maps = Maps.unevaluated((1, at_K.size), Reason.OK)
+    def _sources(
+        self, backgrounds_K: tuple[float, ...], at: Floats, blocks: "_Blocks"
+    ) -> Iterator[Source]:
+        calm = self.model.calm
+        # The simulated rig's field of optical depths: a common part, and a smooth one, which is
+        # independent in blocks of its correlation length.
+        depth = calm.depth_response(*calm.both(backgrounds_K))
+        depth = calm.response(backgrounds_K) * depth * self.model.scatter / math.sqrt(2.0)
+        images = blocks.mean(np.swapaxes(depth, 0, 1))
+        yield Source.sampled("optical depth", images, by_injection=True)
+        nominal = self.about.calm.observables(backgrounds_K)
+
+        def changes(subjects: Iterable[Subject]) -> Floats:
+            seen = [one.calm.observables(backgrounds_K) - nominal for one in subjects]
+            return blocks.mean(np.array(seen))
+
+        derivatives = [changes([subject]) for subject in self.unknowns.values()]
+        for name, images in zip(self.unknowns, derivatives, strict=True):
+            yield Source(name=name, images=images)
+        if self.draws:
+            left = changes(subject for _, subject in self.draws)
+            for number, (deviations, _) in enumerate(self.draws):
+                for size, images in zip(deviations, derivatives, strict=True):
+                    left[number] -= size * images[0]
+            left /= math.sqrt(len(left))
+            yield Source.sampled("random numbers and curvature", left)
+            if not self.members:
+                yield Source.sampled("injections", left, by_injection=True)
+        if len(self.members) > 1:
+            seen = changes(self.members)
+            seen = (seen - seen.mean(axis=0)) / math.sqrt(len(seen) - 1)
+            yield Source.sampled("injections", seen, by_injection=True)
+        if self.coarser:
+            yield Source.sampled("cells", changes(self.coarser))
+        for name, error in self.errors.items():
+            yield Source.sampled(name, blocks.mean(error[None]))
+        maps = Maps.unevaluated((1, at.shape[1]), Reason.OK)
         maps = replace(
             maps,
-            apparent_temperature_K=at_K[None].astype(np.float32),
-            emissivity=emissivity[None].astype(np.float32),
+            apparent_temperature_K=at[:1].astype(np.float32),
+            emissivity=at[1:].astype(np.float32),
         )
-        errors = budget(
+        setup = budget(
             maps,
             Surroundings.from_scene(self.scene),
             curve=self.model.curve,
             backgrounds_K=backgrounds_K,
             calibration=self.model.exposure(max(backgrounds_K)).calibration(),
         )
-        return {part.name: part.kelvin[0] for part in errors.parts}
+        for part in setup.parts:
+            images = np.stack([part.kelvin, part.emissivity], axis=1)
+            yield Source(name=part.name, images=blocks.mean(images))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Test:
-    """d and the parts of C: `depth` is S, `setup` U by name; `varied_K2` and `models` make s."""
-
-    change_K: Floats
-    noise_K2: Floats
-    depth: Floats
-    varied_K2: Floats
-    setup: Mapping[str, Floats]
-    models: Mapping[str, Floats]
-
-    @property
-    def rms_K(self) -> float:
-        return float(np.sqrt(np.mean(self.change_K**2)))
-
-    def without(self, name: str) -> "_Test":
-        """The same without one error of setup or simulations."""
-        setup, models = (
-            {key: change for key, change in of.items() if key != name}
-            for of in (self.setup, self.models)
-        )
-        return replace(self, setup=setup, models=models)
-
-    def distance(self, shots: int) -> float:
-        """z with so many injections and references per background."""
-        noise = np.sqrt(self.noise_K2 / shots)
-        size = np.sqrt(self.varied_K2 / shots + sum(error_K**2 for error_K in self.models.values()))
-        z = self.change_K / noise
-        b = np.array([*self.depth / math.sqrt(shots), *self.setup.values()]) / noise
-        inner = np.eye(len(b)) + b @ b.T
-
-        def squares(factors: Floats) -> Floats:
-            """z^2 with the image of each factor.
-
-            It is a sum of squares of what the errors of known image leave, and of their sizes; as a
-            difference it would lose all digits.
-            """
-            stacked = np.vstack([z, np.clip(factors[:, None] * self.change_K, -size, size) / noise])
-            sizes = np.linalg.solve(inner, b @ stacked.T)
-            rest = np.hstack([stacked - sizes.T @ b, sizes.T])
-            images = rest[1:]
-            best = (images @ rest[0]) / (1.0 + np.sum(images**2, axis=1))
-            return np.asarray(np.sum((rest[0] - best[:, None] * images) ** 2, axis=1) + best**2)
-
-        nearest = _FACTORS[np.argmin(squares(_FACTORS))]
-        return math.sqrt(float(np.min(squares(nearest * _BETWEEN))))
+def fewest(test: SeparationTest, observables: Sequence[str] = OBSERVABLES) -> int | None:
+    """Fewest injections that tell two models apart; None: not even the most."""
+    if test.distance(MOST_SHOTS, observables) < NEEDED:
+        return None
+    return bisect_left(range(MOST_SHOTS), NEEDED, lo=1, key=lambda n: test.distance(n, observables))
 
 
-Model = tuple[Scene, Quadrature, Sequence[Weights], Weights]  # as of `Subject.of`
+@dataclass(frozen=True)
+class _Blocks:
+    """Blocks of pixels: number (N,) of each pixel's, weights (2, N) of T_app and emissivity."""
 
+    number: NDArray[np.intp]
+    weights: Floats
 
-def rivals(
-    scene: Scene,
-    model: Subject,
-    rival: Model,
-    *,
-    injections: Sequence[Model],
-    errors_K: Mapping[str, Floats],
-    delay_s: float | None,
-) -> Rivals:
-    """Two models in the pixels of the `model`; errors_K has maps (h, w) on the sensor by source."""
-    return Rivals(
-        scene=scene,
-        model=model,
-        rival=model.of_model(*rival),
-        injections=[model.of_model(*injection) for injection in injections],
-        errors_K={name: image.reshape(-1)[model.places] for name, image in errors_K.items()},
-        delay_s=delay_s,
-    )
+    @classmethod
+    def of(cls, scene: Scene, subject: Subject, emissivity: Floats, where: Mask) -> "_Blocks":
+        """Blocks as wide as the scatter is correlated; T_app is known as the emissivity squared."""
+        columns, rows = scene.camera.sensor.pixels
+        row, column = np.divmod(subject.places, columns)
+        edges = [
+            max(1, round(scene.spray.scatter.length_m / (width_m / count)))
+            for width_m, count in zip(scene.camera.field_m, (columns, rows), strict=True)
+        ]
+        wide = -(-columns // edges[0])
+        _, number = np.unique(row // edges[1] * wide + column // edges[0], return_inverse=True)
+        weights = np.stack([emissivity**2, np.ones_like(emissivity)]) * where
+        total = np.stack([np.bincount(number, one) for one in weights])
+        kept = np.all(total > 0.0, axis=0)
+        weights = np.where(kept[number], weights / np.maximum(total, 1e-300)[:, number], 0.0)
+        return cls(np.where(kept[number], np.cumsum(kept)[number] - 1, 0), weights)
+
+    def mean(self, values: Floats) -> Floats:
+        """Means (.., B, 2) of values (.., 2, N); a value that is not known counts as 0."""
+        count = int(self.number.max()) + 1
+        flat = np.nan_to_num(values.reshape(-1, 2, values.shape[-1])) * self.weights
+        seen = [[np.bincount(self.number, one, count) for one in both] for both in flat]
+        return np.swapaxes(np.array(seen), 1, 2).reshape(*values.shape[:-2], count, 2)
+
+    def variance(self, covariance: Floats) -> Floats:
+        """Covariance (B, 2, 2) of means of independent pixels (2, N, 2)."""
+        scaled = np.einsum("in,inj,jn->ijn", self.weights, np.nan_to_num(covariance), self.weights)
+        count = int(self.number.max()) + 1
+        sums = [[np.bincount(self.number, one, count) for one in row] for row in scaled]
+        return np.moveaxis(np.array(sums), -1, 0)

@@ -117,16 +117,15 @@ class Subject:
         """The sensor, exposed so that the hottest background fills 80 % of its range."""
         return self.sensor.exposed_for(float(np.max(self.signals(hottest_K))))
 
+    @property
+    def calm(self) -> "Subject":
+        """The same without scatter between injections."""
+        return replace(self, scatter=0.0)
+
     def variances(self, backgrounds_K: Sequence[float]) -> Floats:
         """Variances (2, 2, N) of T_app [K^2] and of the emissivity, due to injections and due to
         references, with one of each per background."""
         lines, _ = self._fitted(backgrounds_K)
-        radiance, _ = apparent_radiance(lines)
-        gradients = (
-            radiance_gradient(lines)
-            * self.curve.temperature_slope(np.maximum(radiance, 0.0))[:, None],
-            emissivity_gradient(lines),
-        )
         kinds = (slice(2, 4), slice(0, 2))
         return np.array(
             [
@@ -134,26 +133,40 @@ class Subject:
                     np.einsum("ni,nij,nj->n", row[:, of], lines.covariance[:, of, of], row[:, of])
                     for of in kinds
                 ]
-                for row in gradients
+                for row in self._gradients(lines)
             ]
         )
 
-    def temperature_K(self, backgrounds_K: Sequence[float]) -> Floats:
-        """T_app (N,), NaN where there is none."""
-        radiance, _ = apparent_radiance(self._fitted(backgrounds_K)[0])
-        return self.curve.temperature(np.where(radiance > 0.0, radiance, np.nan))
+    def covariance(self, backgrounds_K: Sequence[float]) -> Floats:
+        """Covariance (2, N, 2) of T_app and emissivity, with one shot of either kind per
+        background."""
+        lines, _ = self._fitted(backgrounds_K)
+        rows = self._gradients(lines)
+        return np.asarray(np.einsum("ani,nij,bnj->anb", rows, lines.covariance, rows))
+
+    def observables(self, backgrounds_K: Sequence[float]) -> Floats:
+        """T_app, NaN where there is none, and emissivity, (2, N)."""
+        lines, _ = self._fitted(backgrounds_K)
+        radiance, _ = apparent_radiance(lines)
+        kelvin = self.curve.temperature(np.where(radiance > 0.0, radiance, np.nan))
+        g, _, s, _ = lines.values.T
+        return np.stack([kelvin, 1.0 - s / g])
 
     def response(self, backgrounds_K: Sequence[float]) -> Floats:
-        """Derivative (K, N) of T_app by the signal with spray at each background."""
+        """Derivatives (2, K, N) of T_app and emissivity by the signal with spray at each
+        background."""
         lines, variance = self._fitted(backgrounds_K)
+        rows = self._gradients(lines)[:, :, 2:]
+        of_s, of_c = np.einsum("ani,nij->jan", rows, lines.covariance[:, 2:, 2:])
+        x = self.filter_boundary.leaving(backgrounds_K)[:, None]
+        part = of_s[:, None] * x + of_c[:, None]
+        return np.asarray(part / variance / self.filter_boundary.front.transmission)
+
+    def _gradients(self, lines: Pair) -> Floats:
+        """Derivatives (2, N, 4) of T_app and emissivity by the values of the lines."""
         radiance, _ = apparent_radiance(lines)
         slope = self.curve.temperature_slope(np.maximum(radiance, 0.0))
-        row = radiance_gradient(lines)[:, 2:] * slope[:, None]
-        cov = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
-        x = self.filter_boundary.leaving(backgrounds_K)[:, None]
-        return np.asarray(
-            (cov[:, 0] * x + cov[:, 1]) / variance / self.filter_boundary.front.transmission
-        )
+        return np.stack([radiance_gradient(lines) * slope[:, None], emissivity_gradient(lines)])
 
     def depth_response(self, bare: Floats, spray: Floats) -> Floats:
         """Change (K, N) of the injections' signals by a relative change of the optical depth of 1.

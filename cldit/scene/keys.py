@@ -1,4 +1,4 @@
-"""Keys of scenes whose values differ."""
+"""Values of scenes by their keys, and keys whose values differ."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cldit.errors import SceneError
 from cldit.scene import Scene
 
 
@@ -52,3 +53,14 @@ def _value(value: Any) -> str:
         return "nothing"
     string = f"{value:g}" if isinstance(value, float) else str(value)
     return string if len(string) <= 60 else f"{string[:57]}..."
+
+
+def value_at(scene: Scene, key: str) -> Any:
+    """Value of a scene at a path such as `spray.plumes[2].mass_fraction`."""
+    here: Any = scene.model_dump(mode="json")
+    for part in key.replace("[", ".").replace("]", "").split("."):
+        try:
+            here = here[int(part)] if isinstance(here, list) else here[part]
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise SceneError(f"{key}: the scene has no such key") from error
+    return here

@@ -100,8 +100,11 @@ def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
             f"{name}: no such scene{hint}; allowed: {', '.join(shipped)}, or the path of a "
             ".yaml file"
         )
-    document = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-    return parse_scene(parse_yaml(document, source=name), source=name)
+    text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+    data = parse_yaml(text, source=name)
+    if "base" in data:  # another shipped scene
+        data = _over(_loaded(data["base"], above), data, name)
+    return parse_scene(data, source=name)
 
 
 def _is_file(path: Path) -> bool:
@@ -125,9 +128,14 @@ def _on_base(data: dict[str, Any], path: Path, above: tuple[Path, ...]) -> dict[
         raise SceneError(f"{path}: base: leads back to itself ({chain})")
     beside = path.parent / base
     named = beside if _is_file(beside) else base
-    below = _loaded(named, (*above, resolved)).model_dump(mode="json", exclude_unset=True)
+    return _over(_loaded(named, (*above, resolved)), data, path.stem)
+
+
+def _over(base: Scene, data: dict[str, Any], name: str) -> dict[str, Any]:
+    """Plain data of a scene called `name` over that of its base."""
+    below = base.model_dump(mode="json", exclude_unset=True)
     over = {key: value for key, value in data.items() if key != "base"}
-    return merged({**below, "name": path.stem}, over)
+    return merged({**below, "name": name}, over)
 
 
 parse_scene, dump_scene = Scene.from_dict, Scene.to_yaml

@@ -22,7 +22,7 @@ from scipy.special import chdtrc
 from cldit.arrays import Floats
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Shown, open_shown
-from cldit.errors import SceneError, StudyError
+from cldit.errors import StudyError
 from cldit.gpu.device import Device
 from cldit.io.content import digest
 from cldit.io.exclusive import exclusive
@@ -31,6 +31,7 @@ from cldit.run import Run, Say, simulate
 from cldit.run.content import trace_content
 from cldit.run.simulate import reevaluated
 from cldit.scene import Scene, dump_scene
+from cldit.scene.keys import value_at
 from cldit.scene.load import chosen_scene
 from cldit.study.grid import ALIASES
 from cldit.study.radiance import RadianceData
@@ -84,17 +85,6 @@ class Parameter:
             scene.with_(**{key: bound})  # refuses what is not allowed
         given = (prior[0], prior[1]) if prior else None
         return cls(key=key, low=low, high=high, start=float(start), prior=given)
-
-
-def value_at(scene: Scene, key: str) -> Any:
-    """Value of a scene at a path such as `spray.plumes[2].mass_fraction`."""
-    here: Any = scene.model_dump(mode="json")
-    for part in key.replace("[", ".").replace("]", "").split("."):
-        try:
-            here = here[int(part)] if isinstance(here, list) else here[part]
-        except (KeyError, ValueError, IndexError, TypeError) as error:
-            raise SceneError(f"{key}: the scene has no such key") from error
-    return here
 
 
 @dataclass(frozen=True, kw_only=True)

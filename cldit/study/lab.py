@@ -11,7 +11,8 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, RunCache, Say
 from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene
-from cldit.scene.spray import ConeSpray, LagrangianSpray
+from cldit.scene.coarser import coarsened
+from cldit.scene.spray import LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
 
@@ -91,26 +92,13 @@ class Lab:
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
         scene = base.with_(**{**fixed, **_CAMERA, **quick, **(values or {})}).with_(**self.always)
-        return self._coarsened(scene)
+        return coarsened(scene, self.coarser)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Shipped scene `name` with some `values` changed, reduced if the study is quick."""
         quick = {**_COMPARED, **(QUICK if self.quick else {})}
         scene = load_scene(name).with_(**{**quick, **(values or {})}).with_(**self.always)
-        return self._coarsened(scene)
-
-    def _coarsened(self, scene: Scene) -> Scene:
-        """The scene with octree, gas cells and lattice `coarser` times as wide."""
-        if self.coarser == 1.0:
-            return scene
-        widths = {"domain.leaf_edge_m": scene.domain.leaf_edge_m}
-        if isinstance(scene.spray, LagrangianSpray):
-            widths["spray.box.spacing_m"] = scene.spray.box.cell_m
-        elif isinstance(scene.spray, ConeSpray):
-            widths["spray.spacing_m"] = scene.spray.lattice_m
-        return scene.with_(
-            **{key: self.coarser * width for key, width in widths.items() if width is not None}
-        )
+        return coarsened(scene, self.coarser)
 
     def run(self, scene: Scene, *, spray: Callable[[], Spray] | None = None) -> Run:
         """Run of a scene, from the cache if it is there; `spray` makes its spray."""

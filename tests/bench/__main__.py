@@ -34,6 +34,7 @@ MEASUREMENTS = (
     "live_timing",
     "memory",
     "mutations",
+    "models_small",
     "named_changes",
     "optics",
     "pixel_sampling",

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from cldit.comparison import Difference, difference
-from cldit.dit.design import BlackBody
+from cldit.comparison.rivals import rivals_of
+from cldit.dit.design import BlackBody, shot_time_s
 from cldit.errors import ClditError
 from cldit.rig.protocols import Stability
-from cldit.run import Run, open_run, simulate
-from cldit.run.ensemble import member_folder
+from cldit.run import Run, simulate
 from cldit.scene import Scene, load_scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
-from cldit.study.separate import Model, separated
 from tests.verify.recordings import recording
 
 SCATTER = {"spray.scatter.start_s": 30e-6, "spray.scatter.mass": 0.05}
@@ -44,17 +43,9 @@ def changes(scene: Scene) -> dict[str, tuple[bool, Mapping[str, Any]]]:
     }
 
 
-def model_of(run: Run) -> Model:
-    """A run with its injections."""
-    assert run.folder is not None
-    count = 0 if run.ensemble is None else run.ensemble.members
-    members = (open_run(member_folder(run.folder, n)) for n in range(1, count + 1))
-    return Model(run, tuple(members))
-
-
-def needed(data: Model, model: Model) -> str:
+def needed(data: Run, model: Run, cache: Path) -> str:
     """Number of injections that would separate the data from the model, or why none would."""
-    known_K, rig = data.run.scene.background.temperatures_K, data.run.scene.rig
+    known_K, rig = data.scene.background.temperatures_K, data.scene.rig
     blackbody = BlackBody(
         limits_K=(min(known_K), max(known_K)),
         start_K=rig.background_start_K,
@@ -62,7 +53,8 @@ def needed(data: Model, model: Model) -> str:
         stability=Stability(),
     )
     try:
-        return separated(data, model, blackbody).text
+        pair = rivals_of(data, model, lambda scene, like: simulate(scene, cache=cache, like=like))
+        return pair.best(blackbody, shot_s=shot_time_s(data.scene)).text
     except ClditError as error:
         return str(error)
 
@@ -127,7 +119,7 @@ def main() -> None:
         ]
         print(line(name, difference(data, model), found), flush=True)
         if data is not model:
-            print(f"    {needed(model_of(data), model_of(model))}", flush=True)
+            print(f"    {needed(data, model, given.out / 'cache')}", flush=True)
 
 
 if __name__ == "__main__":

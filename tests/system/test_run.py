@@ -163,7 +163,7 @@ def test_acquire_evaluate_show(finished: Path) -> None:
 
 def test_lists() -> None:
     names = cldit_command("scenes").output
-    for name in ("gdi", "gdi-cold", "methane-jet", "droplets-only", "empty"):
+    for name in ("gdi", "gdi-cold", "gdi-extinction", "methane-jet", "droplets-only", "empty"):
         assert name in names
     assert "is used:" in cldit_command("devices").output
 

@@ -45,6 +45,7 @@ NOT = {
     "pip install": "the extras are read from it",
     "cldit bench --only budget --out docs": "hours; tests/unit/bench runs it on a small scene",
     "cldit study all": "an hour; the same with --quick is run in the tier `long`",
+    "cldit study models": "an hour; `models_small` of tests/bench is its small size",
     "cldit fit": "a measurement of the reader's scene; tests/unit/study runs it on a twin",
     "cldit check-driver modbus_blackbody": "needs an instrument; tests/drivers has an emulated one",
 }

@@ -79,9 +79,7 @@ ARROWS: dict[str, str] = {
     "scene": "cldit io",
     "show": ("accuracy acquisition camera cldit comparison dit io optics radiance run scene spray"),
     "spray": "cldit gpu io scene",
-    "study": (
-        "accuracy camera cldit comparison dit gpu io optics prepare radiance run scene show spray"
-    ),
+    "study": ("camera cldit comparison dit gpu io optics prepare radiance run scene show spray"),
     "testing": "cldit io rig",
     "transport": "cldit gpu medium optics radiance scene",
 }

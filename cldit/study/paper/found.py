@@ -20,12 +20,16 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Found:
-    """Results of a study: values for its sentences, drawn or captioned figures, and a table."""
+    """Results of a study: values for its sentences, drawn or captioned figures, and a table.
+
+    repeated: False if the study has repetitions of its own.
+    """
 
     values: Mapping[str, Value]
     table: Sequence[Row]
     sheets: Mapping[str, Drawn] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
+    repeated: bool = True
 
 
 @cache

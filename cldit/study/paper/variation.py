@@ -45,7 +45,7 @@ def repeat(
     and at most `MOST_SEEDS` in all.
     """
     first = study(lab)
-    if not lab.used:
+    if not lab.used or not first.repeated:
         return Repeated(first, {}, ())
     aside = replace(lab, used={})
     coarse = study(replace(aside, coarser=2.0))

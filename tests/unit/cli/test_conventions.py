@@ -207,7 +207,7 @@ def test_no_color() -> None:
     ("line", "expected"),
     [
         ("cldit sc", {"scenes"}),
-        ("cldit run gdi-", {"gdi-cold", "gdi-cone"}),
+        ("cldit run gdi-", {"gdi-cold", "gdi-cone", "gdi-extinction"}),
         ("cldit compare --al", {"--align"}),
         ("cldit bench --budget-scene even", {"even-grid"}),
     ],
