@@ -194,10 +194,10 @@ class Separation:
                 f"backgrounds{band} tell them apart: {self.distance:.1f} standard deviations"
             )
         if self.rms_K == self.rms_emissivity == 0.0:
-            return "cannot be told: both models have the same T_app and emissivity"
+            return "undecided: both models have the same T_app and emissivity"
         limit = f"; most of the error: {self.largest}" if self.largest else ""
         return (
-            f"cannot be told{band}: {MOST_SHOTS} injections leave {self.distance:.1f} standard "
+            f"undecided{band}: {MOST_SHOTS} injections leave {self.distance:.1f} standard "
             f"deviations, and {NEEDED:.2g} are needed{limit}"
         )
 

@@ -2,9 +2,9 @@
 
 The installation is that of the README with the extras that the page names: a virtual environment
 that sees these packages and no others. `documented.BEGIN` has the reader's own files, which are
-made here: a CFD case, a measurement, scenes. In the tier `slow` each shipped scene is a file of its
-name with few pixels, coarse cells and no flow; in the tier `long`, for a release, nothing is
-replaced.
+made here: a CFD case, a measurement, scenes. In the tier `slow` the pages of a reader's first day are
+walked, and each shipped scene is a file of its name with few pixels, coarse cells and no flow; the
+tier `long`, for a release, has the other pages too, small and as they are.
 `pytest -m slow tests/system/test_walk.py -k dit` walks one page.
 """
 
@@ -53,6 +53,7 @@ ONLY_LONG = ("cldit study fig12", "cldit study all --quick", "cldit study walls 
 STATUS = {"cldit compare": (0, 3), "cldit plan --separate": (0, 3)}  # 3: a result, not a failure
 ALWAYS_SMALL = ("docs/studies.md", "docs/benchmarks/index.md")  # a sweep, and a benchmark: hours
 NO_SCRIPTS = ("docs/extending.md", "docs/errors.md")  # no commands; test_documented_python.py
+FIRST_DAY = ("README.md", "docs/dit.md", "docs/importing.md", "docs/rig.md")
 _WALKED = [page for page in PAGES if any(s.is_cldit for s in steps(page))]
 
 
@@ -313,8 +314,13 @@ def _walk(page: str, walk: Walk, small: bool) -> int:
     return walked
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", _WALKED)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.slow if page in FIRST_DAY else pytest.mark.long)
+        for page in _WALKED
+    ],
+)
 def test_page_with_small_scenes(
     page: str, installed: Callable[[frozenset[str]], Path], tmp_path: Path
 ) -> None:

@@ -250,7 +250,7 @@ def test_none_is_enough_where_the_simulations_err_as_much(tiny_scene: Scene) -> 
     pair = replace(pair, errors={"cells of the simulation": _error(pair, 10.0)})
     best = pair.best(_BLACKBODY, shot_s=0.2)
     assert best.shots is best.time_s is None and best.distance < 1.5
-    assert best.text.startswith("cannot be told: 10000 injections")
+    assert best.text.startswith("undecided: 10000 injections")
     assert best.largest == "cells of the simulation"
 
 
