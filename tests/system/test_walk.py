@@ -2,9 +2,9 @@
 
 The installation is that of the README with the extras that the page names: a virtual environment
 that sees these packages and no others. `documented.BEGIN` has the reader's own files, which are
-made here: a CFD case, a measurement, scenes. In the tier `slow` the pages of a reader's first day are
-walked, and each shipped scene is a file of its name with few pixels, coarse cells and no flow; the
-tier `long`, for a release, has the other pages too, small and as they are.
+made here: a CFD case, a measurement, scenes. In the tier `slow` the pages of a reader's first day
+are walked, and each shipped scene is a file of its name with few pixels, coarse cells and no flow;
+the tier `long`, for a release, has the other pages too, small and as they are.
 `pytest -m slow tests/system/test_walk.py -k dit` walks one page.
 """
 
