@@ -96,8 +96,9 @@ def simulate_times(
                     if number < done:  # its result preceded the restart
                         state.record()
                         continue
+                    result = state.result()  # may raise: not done before
                     done += 1
-                    yield state.result()
+                    yield result
             except UnstableGas:
                 # Lumps of few parcels need shorter steps of the gas.
                 gas_steps = 2 * state.gas_steps

@@ -16,7 +16,7 @@ from cldit.scene.sizes import NukiyamaTanasawa
 from cldit.scene.spray import Ambient, FlowBox, LagrangianSpray, Plume
 from cldit.show.report.spray_report import extent, liquid_mass, vapour_mass, write_spray
 from cldit.spray.flow import simulate
-from cldit.spray.flow.gas import GasFlow
+from cldit.spray.flow.gas import GasFlow, UnstableGas
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray, simulate_times
 from cldit.spray.result import Spray
@@ -162,6 +162,23 @@ def test_without_evaporation_there_is_no_vapour(device: Device, tables: Path) ->
     assert spray.parcels is not None
     np.testing.assert_allclose(spray.parcels.temperature_K, 370.0, rtol=1e-12)
     assert flow.read("velocity")[2].max() > 5  # the gas comes along all the same
+
+
+def test_gas_that_is_unstable_as_it_is_read_takes_shorter_steps(
+    device: Device, tables: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A result that cannot be read is computed again, and not counted as done."""
+    read, tried = simulate._State.result, []
+
+    def result(state: simulate._State) -> Any:
+        tried.append(state.gas_steps)
+        if len(tried) == 1:
+            raise UnstableGas("as a test has it")
+        return read(state)
+
+    monkeypatch.setattr(simulate._State, "result", result)
+    assert simulate_spray(COARSE, device, cache=tables)
+    assert tried[1] == 2 * tried[0]
 
 
 def test_a_grid_that_is_too_fine_is_refused(device: Device, tables: Path) -> None:
