@@ -164,9 +164,9 @@ def _print_separations(separations: tuple[Separation, ...]) -> None:
         )
         for separation in separations
     ]
-    alone = (f"by {name}" for name in OBSERVABLES)
+    single = (f"by {name}" for name in OBSERVABLES)
     errors = ("by noise", "RMS / K", "of emissivity", "min")
-    print_table("delay", "band", "backgrounds / K", "shots", "sigma", *alone, *errors, rows=rows)
+    print_table("delay", "band", "backgrounds / K", "shots", "sigma", *single, *errors, rows=rows)
 
 
 def _print_designs(planned: PlannedMeasurement, least_emissivity: float) -> None:

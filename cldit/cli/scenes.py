@@ -24,9 +24,9 @@ def scenes(show: str | None, schema: bool) -> Outcome:
         tell(commented(scene), end="")
         return Outcome(scene.model_dump(mode="json"))
     if schema:
-        made = _schema()
-        tell(json.dumps(made, indent=2))
-        return Outcome(made)
+        schema_json = _schema()
+        tell(json.dumps(schema_json, indent=2))
+        return Outcome(schema_json)
     descriptions = shipped_scenes()
     print_table("scene", "", rows=descriptions.items())
     return Outcome(
@@ -37,7 +37,9 @@ def scenes(show: str | None, schema: bool) -> Outcome:
 def _schema() -> dict[str, Any]:
     """JSON schema of scene files, which may be based on another scene."""
     schema = Scene.model_json_schema()
-    alone = schema.pop("required")
-    text = "Shipped name or .yaml file of a scene, whose keys apply where this file has none."
-    schema["properties"]["base"] = {"type": "string", "description": text}
-    return {**schema, "anyOf": [{"required": ["base"]}, {"required": alone}]}
+    required = schema.pop("required")
+    description = (
+        "Shipped name or .yaml file of a scene, whose keys apply where this file has none."
+    )
+    schema["properties"]["base"] = {"type": "string", "description": description}
+    return {**schema, "anyOf": [{"required": ["base"]}, {"required": required}]}

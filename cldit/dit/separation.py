@@ -58,22 +58,22 @@ _LEVELS = 5  # of the lowest and of the highest background that are tried
 class Source:
     """Changes (M, B, 2) of the observables of B blocks by one standard deviation of M errors.
 
-    by_injection: True if the errors of n injections are independent. apart: (B, 2, 2) covariance of
-    a part that is independent from block to block.
+    by_injection: True if the errors of n injections are independent. independent: (B, 2, 2)
+    covariance of a part that is independent from block to block.
     """
 
     name: str
     images: Floats
     by_injection: bool = False
-    apart: Floats | float = 0.0
+    independent: Floats | float = 0.0
 
     @classmethod
     def sampled(cls, name: str, images: Floats, *, by_injection: bool = False) -> "Source":
         """A source whose images are samples, the sum of whose squares is the variance."""
         blocks = np.einsum("mbi,mbj->bij", images, images)
         count = len(images)
-        apart = (count * blocks + blocks.mean(axis=0)) / (count + 1)
-        return cls(name=name, images=images, by_injection=by_injection, apart=apart)
+        independent = (count * blocks + blocks.mean(axis=0)) / (count + 1)
+        return cls(name=name, images=images, by_injection=by_injection, independent=independent)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,15 +93,17 @@ class SeparationTest:
         sizes = [len(test.change) for test in tests]
         sources: dict[tuple[str, int], Source] = {}
         for number, test in enumerate(tests):
-            for one in test.sources:
-                padded = [np.zeros((len(one.images), size, 2)) for size in sizes]
-                aparts = [np.zeros((size, 2, 2)) for size in sizes]
-                padded[number], aparts[number] = one.images, aparts[number] + one.apart
-                images, apart = np.concatenate(padded, axis=1), np.concatenate(aparts)
-                key = one.name, number if one.by_injection else -1
+            for source in test.sources:
+                padded = [np.zeros((len(source.images), size, 2)) for size in sizes]
+                covariances = [np.zeros((size, 2, 2)) for size in sizes]
+                padded[number] = source.images
+                covariances[number] = covariances[number] + source.independent
+                images, independent = np.concatenate(padded, axis=1), np.concatenate(covariances)
+                key = source.name, number if source.by_injection else -1
                 if key in sources:
-                    images, apart = images + sources[key].images, apart + sources[key].apart
-                sources[key] = replace(one, images=images, apart=apart)
+                    images = images + sources[key].images
+                    independent = independent + sources[key].independent
+                sources[key] = replace(source, images=images, independent=independent)
         return cls(
             change=np.concatenate([test.change for test in tests]),
             noise=np.concatenate([test.noise for test in tests]),
@@ -110,7 +112,7 @@ class SeparationTest:
 
     def without(self, *names: str) -> "SeparationTest":
         """The same without some sources; without any names, with noise alone."""
-        kept = [one for one in self.sources if names and one.name not in names]
+        kept = [source for source in self.sources if names and source.name not in names]
         return replace(self, sources=tuple(kept))
 
     def distance(self, shots: float, observables: Iterable[str] = OBSERVABLES) -> float:
@@ -129,9 +131,9 @@ class SeparationTest:
         )
 
     def product(
-        self, one: Floats, other: Floats, shots: float, observables: Iterable[str] = OBSERVABLES
+        self, a: Floats, b: Floats, shots: float, observables: Iterable[str] = OBSERVABLES
     ) -> float:
-        """one' C^-1 other, by Woodbury's identity.
+        """a' C^-1 b, by Woodbury's identity.
 
         It is a sum of what the images leave and of their sizes; as a difference it would lose all
         digits.
@@ -142,18 +144,18 @@ class SeparationTest:
         for source in self.sources:
             share = 1.0 / shots if source.by_injection else 1.0
             rows.append(source.images * math.sqrt(share))
-            blocks = blocks + source.apart * share
+            blocks = blocks + source.independent * share
         precision = np.zeros_like(blocks)
         at = np.ix_(range(len(blocks)), used, used)
         precision[at] = np.linalg.inv(blocks[at])
         u = np.concatenate(rows)
         weighted = np.einsum("mbi,bij->mbj", u, precision)
         inner = np.eye(len(u)) + np.einsum("mbj,kbj->mk", weighted, u)
-        both = np.stack([one, other])
-        sizes = np.linalg.solve(inner, np.einsum("mbj,kbj->mk", weighted, both))
-        rest = both - np.einsum("mk,mbj->kbj", sizes, u)
-        left = np.einsum("bi,bij,bj->", rest[0], precision, rest[1])
-        return float(left + sizes[:, 0] @ sizes[:, 1])
+        pair = np.stack([a, b])
+        sizes = np.linalg.solve(inner, np.einsum("mbj,kbj->mk", weighted, pair))
+        rest = pair - np.einsum("mk,mbj->kbj", sizes, u)
+        unexplained = np.einsum("bi,bij,bj->", rest[0], precision, rest[1])
+        return float(unexplained + sizes[:, 0] @ sizes[:, 1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,7 +246,7 @@ class Rivals:
         plans = [self.at(backgrounds, blackbody, shot_s=shot_s) for backgrounds in tried]
         best = min(plans, key=lambda plan: plan.order)
         test, shots = self.test(best.backgrounds_K), best.shots or MOST_SHOTS
-        z = {one.name: test.without(one.name).distance(shots) for one in test.sources}
+        z = {item.name: test.without(item.name).distance(shots) for item in test.sources}
         return replace(best, largest=max(z, key=lambda name: z[name], default=""))
 
     def at(
@@ -306,21 +308,21 @@ class Rivals:
         nominal = self.about.calm.observables(backgrounds_K)
 
         def changes(subjects: Iterable[Subject]) -> Floats:
-            seen = [one.calm.observables(backgrounds_K) - nominal for one in subjects]
+            seen = [subject.calm.observables(backgrounds_K) - nominal for subject in subjects]
             return blocks.mean(np.array(seen))
 
         derivatives = [changes([subject]) for subject in self.unknowns.values()]
         for name, images in zip(self.unknowns, derivatives, strict=True):
             yield Source(name=name, images=images)
         if self.draws:
-            left = changes(subject for _, subject in self.draws)
+            unexplained = changes(subject for _, subject in self.draws)
             for number, (deviations, _) in enumerate(self.draws):
                 for size, images in zip(deviations, derivatives, strict=True):
-                    left[number] -= size * images[0]
-            left /= math.sqrt(len(left))
-            yield Source.sampled("random numbers and curvature", left)
+                    unexplained[number] -= size * images[0]
+            unexplained /= math.sqrt(len(unexplained))
+            yield Source.sampled("random numbers and curvature", unexplained)
             if not self.members:
-                yield Source.sampled("injections", left, by_injection=True)
+                yield Source.sampled("injections", unexplained, by_injection=True)
         if len(self.members) > 1:
             seen = changes(self.members)
             seen = (seen - seen.mean(axis=0)) / math.sqrt(len(seen) - 1)
@@ -373,7 +375,7 @@ class _Blocks:
         wide = -(-columns // edges[0])
         _, number = np.unique(row // edges[1] * wide + column // edges[0], return_inverse=True)
         weights = np.stack([emissivity**2, np.ones_like(emissivity)]) * where
-        total = np.stack([np.bincount(number, one) for one in weights])
+        total = np.stack([np.bincount(number, weight) for weight in weights])
         kept = np.all(total > 0.0, axis=0)
         weights = np.where(kept[number], weights / np.maximum(total, 1e-300)[:, number], 0.0)
         return cls(np.where(kept[number], np.cumsum(kept)[number] - 1, 0), weights)
@@ -382,12 +384,12 @@ class _Blocks:
         """Means (.., B, 2) of values (.., 2, N); a value that is not known counts as 0."""
         count = int(self.number.max()) + 1
         flat = np.nan_to_num(values.reshape(-1, 2, values.shape[-1])) * self.weights
-        seen = [[np.bincount(self.number, one, count) for one in both] for both in flat]
+        seen = [[np.bincount(self.number, row, count) for row in pair] for pair in flat]
         return np.swapaxes(np.array(seen), 1, 2).reshape(*values.shape[:-2], count, 2)
 
     def variance(self, covariance: Floats) -> Floats:
         """Covariance (B, 2, 2) of means of independent pixels (2, N, 2)."""
         scaled = np.einsum("in,inj,jn->ijn", self.weights, np.nan_to_num(covariance), self.weights)
         count = int(self.number.max()) + 1
-        sums = [[np.bincount(self.number, one, count) for one in row] for row in scaled]
+        sums = [[np.bincount(self.number, part, count) for part in row] for row in scaled]
         return np.moveaxis(np.array(sums), -1, 0)

@@ -20,11 +20,11 @@ from cldit.errors import SceneError
 class Section(BaseModel):
     """Base of every section of a scene, rig or plan file: frozen, with unknown keys refused.
 
-    The string below a key is its description in the reference and in editors. scene_type: the type
+    The string below a key is its description in the reference and in editors. _scene_type: the type
     that contains all sections of a scene, which `cldit.scene.schema` sets.
     """
 
-    scene_type: ClassVar[type[BaseModel] | None] = None
+    _scene_type: ClassVar[type[BaseModel] | None] = None
 
     model_config = ConfigDict(
         frozen=True,
@@ -45,7 +45,7 @@ class Section(BaseModel):
 
     def _replacement(self, name: str, value: Any) -> str:
         """Expression of another scene with this value; empty if this is no part of a scene."""
-        path = None if self.scene_type is None else _path_of(type(self), self.scene_type)
+        path = None if self._scene_type is None else _path_of(type(self), self._scene_type)
         key = name if path == "" else f"{path}.{name}"
         return "" if path is None else f'scene.with_(**{{"{key}": {value!r}}})'
 

@@ -57,10 +57,10 @@ def _value(value: Any) -> str:
 
 def value_at(scene: Scene, key: str) -> Any:
     """Value of a scene at a path such as `spray.plumes[2].mass_fraction`."""
-    here: Any = scene.model_dump(mode="json")
+    value: Any = scene.model_dump(mode="json")
     for part in key.replace("[", ".").replace("]", "").split("."):
         try:
-            here = here[int(part)] if isinstance(here, list) else here[part]
+            value = value[int(part)] if isinstance(value, list) else value[part]
         except (KeyError, ValueError, IndexError, TypeError) as error:
             raise SceneError(f"{key}: the scene has no such key") from error
-    return here
+    return value

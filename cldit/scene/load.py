@@ -100,8 +100,8 @@ def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
             f"{name}: no such scene{hint}; allowed: {', '.join(shipped)}, or the path of a "
             ".yaml file"
         )
-    text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-    data = parse_yaml(text, source=name)
+    content = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+    data = parse_yaml(content, source=name)
     if "base" in data:  # another shipped scene
         data = _over(_loaded(data["base"], above), data, name)
     return parse_scene(data, source=name)

@@ -143,4 +143,4 @@ class Scene(Section):
         return (x, y + self.domain.edge_m / 2, z)
 
 
-Section.scene_type = Scene
+Section._scene_type = Scene

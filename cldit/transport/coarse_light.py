@@ -97,10 +97,10 @@ def _gradient(cells: OpticalCells, radiance: Reals) -> Floats:
     """Gradient (3, C, N) of a radiance (C, N), per cell, from the neighbours as in image.cl."""
     root = np.sqrt(cells.depth[cells.address])
     out = np.zeros((3, *radiance.shape))
-    every = np.ones(len(root), bool)
-    for axis, (below, above) in enumerate(beside_on_axes(cells, cells.box(), (-1, 1), every)):
-        for near, other, sign in ((below, above, -1.0), (above, below, 1.0)):
-            share = np.where(other < 0, 2.0, 1.0) * root / (root + root[near])
+    chosen = np.ones(len(root), bool)
+    for axis, (below, above) in enumerate(beside_on_axes(cells, cells.box(), (-1, 1), chosen)):
+        for near, far, sign in ((below, above, -1.0), (above, below, 1.0)):
+            share = np.where(far < 0, 2.0, 1.0) * root / (root + root[near])
             share = np.where(near >= 0, sign * share, 0.0)
             out[axis] += share * (radiance[:, near] - radiance)
     return out
@@ -116,11 +116,11 @@ def limit(gradient: NDArray[np.floating], light: NDArray[np.floating], boundarie
     isothermal cavity. If the others cannot take it, all gradients of the cell shrink by one factor.
     """
     mean = np.maximum(light, 0)
-    for some in (slice(boundaries), slice(boundaries, None)):
-        total = mean[some].sum(axis=0)
-        gradient *= _allowed(np.abs(gradient[:, some].sum(axis=1)).sum(axis=0), total)
-    for some in (slice(boundaries), slice(boundaries, None)):
-        part, own = mean[some], gradient[:, some]
+    for group in (slice(boundaries), slice(boundaries, None)):
+        total = mean[group].sum(axis=0)
+        gradient *= _allowed(np.abs(gradient[:, group].sum(axis=1)).sum(axis=0), total)
+    for group in (slice(boundaries), slice(boundaries, None)):
+        part, own = mean[group], gradient[:, group]
         total, change = part.sum(axis=0), own.sum(axis=1)
         own *= _allowed(np.abs(own).sum(axis=0), part)
         share = np.divide(part, total, out=np.zeros_like(part), where=total > 0)

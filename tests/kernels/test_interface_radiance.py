@@ -42,8 +42,8 @@ def test_radiance_on_interfaces(device: Device) -> None:
         real=np.float32,
     )
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
-    mean = np.empty((1, sweeper.components, sweeper.count), np.float32)
-    sweeper.moments(program, rays, out=mean, interfaces=light)
+    mean = np.zeros((1, sweeper.components, sweeper.count), np.float32)
+    sweeper.moments(program, rays, out=sweeper.listed(mean), interfaces=light)
     shape = (thick.interfaces, 14, sweeper.components)
     stored = download(device, light.buffer, np.empty(shape, np.float32))
     entering = []
@@ -73,8 +73,8 @@ def test_radiance_on_interfaces_along_an_axis(device: Device) -> None:
         device, thick, box, components=sweeper.components, directions=1, real=np.float32
     )
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
-    mean = np.empty((1, sweeper.components, sweeper.count), np.float32)
-    sweeper.moments(program, rays, out=mean, interfaces=light)
+    mean = np.zeros((1, sweeper.components, sweeper.count), np.float32)
+    sweeper.moments(program, rays, out=sweeper.listed(mean), interfaces=light)
     stored = download(
         device, light.buffer, np.empty((thick.interfaces, sweeper.components), np.float32)
     )

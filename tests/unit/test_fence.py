@@ -29,7 +29,7 @@ BUDGETS: dict[str, int] = {
     "camera": 750,
     "cfd": 9750,
     "cldit": 250,
-    "cli": 2750,
+    "cli": 3000,
     "comparison": 2750,
     "dit": 7000,
     "drivers": 4250,

@@ -61,8 +61,8 @@ def _dense(test: SeparationTest, shots: int) -> Floats:
         whole[here, here] += noise / shots
         for source in test.sources:
             share = 1.0 / shots if source.by_injection else 1.0
-            if not isinstance(source.apart, float):
-                whole[here, here] += source.apart[b] * share
+            if not isinstance(source.independent, float):
+                whole[here, here] += source.independent[b] * share
     for source in test.sources:
         share = 1.0 / shots if source.by_injection else 1.0
         rows = source.images.reshape(-1, size)
@@ -132,7 +132,7 @@ def test_samples_reach_blocks_that_they_leave_dark() -> None:
     images[:, :3, 0] = 2.0
     source = Source.sampled("injections", images)
     mean = 3 * 3 * 4.0 / 4
-    assert np.asarray(source.apart)[:, 0, 0] == pytest.approx(
+    assert np.asarray(source.independent)[:, 0, 0] == pytest.approx(
         [(3 * 12.0 + mean) / 4] * 3 + [mean / 4]
     )
 

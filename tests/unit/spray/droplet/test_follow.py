@@ -36,7 +36,7 @@ def test_command_prints_columns(monkeypatch: pytest.MonkeyPatch, cache: Path) ->
     )
     result = CliRunner().invoke(main, text.split())
     assert result.exit_code == 0, result.output
-    lines = result.output.splitlines()
+    lines = result.stdout.splitlines()
     assert lines[0] == "time_s,diameter_m,temperature_K,velocity_m_s,mass_kg"
     rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
     assert rows[0, :4] == pytest.approx([0.0, 9e-6, 370.0, 0.0])
