@@ -53,8 +53,8 @@ def coarsened(tree: Octree, halvings: int) -> Octree:
         scattering = tree.fields["droplet_scattering"]
         total = fields["droplet_scattering"]
         safe = np.where(total > 0, total, 1.0)
-        filled = [np.rint(filled_with(scattering * share) / safe) for share in tree.shares]
-        shares = np.stack(filled).astype(np.uint8)
+        rounded = [np.rint(filled_with(scattering * share) / safe) for share in tree.shares]
+        shares = np.stack(rounded).astype(np.uint8)
     return Octree(
         frame=frame,
         directory=directory.astype(np.int32),
