@@ -31,7 +31,7 @@ BEGIN: dict[str, tuple[str, ...]] = {
     "docs/rig.md": ("rig.yaml", "plan.yaml"),
     "docs/scattering.md": ("runs/gdi",),
     "docs/sharing.md": ("runs/gdi",),
-    "docs/telling-models-apart.md": ("a.yaml", "b.yaml", "rig.yaml"),
+    "docs/telling-models-apart.md": ("a.yaml", "b.yaml", "rig.yaml", "unknowns.yaml"),
     "docs/ten-things.md": ("measurements/july",),
     "docs/view.md": ("runs/gdi",),
 }

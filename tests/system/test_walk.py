@@ -240,9 +240,10 @@ def _scene(path: Path) -> None:
         path.write_text(_small("gdi-cone"), encoding="utf-8")
 
 
-def _plan(path: Path) -> None:
-    """The plan that docs/rig.md prints."""
-    printed = re.search(r"^```yaml\n(# plan\.yaml\n.*?)^```", text_of("docs/rig.md"), re.M | re.S)
+def _printed(path: Path, page: str) -> None:
+    """The file that a page prints, below its name."""
+    block = rf"^```yaml\n(# {re.escape(path.name)}\n.*?)^```"
+    printed = re.search(block, text_of(page), re.M | re.S)
     assert printed is not None
     path.write_text(printed[1], encoding="utf-8")
 
@@ -267,8 +268,8 @@ def _begin(name: str, page: str, walk: Walk) -> None:
         _measurement(path, described=not drafted)
     elif name == "runs/gdi":
         walk.run("cldit run gdi")  # `python3 make.py run`
-    elif name == "plan.yaml":
-        _plan(path)
+    elif name in ("plan.yaml", "unknowns.yaml"):
+        _printed(path, page)
     elif name == "rig.yaml":
         _rig(path, walk)
     else:
