@@ -114,10 +114,10 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
         run = open_run(place)
         return _recorded_by(run, str(place)) if acquired else _traced(run, str(place))
     opened = open_recorded(place)
-    if not isinstance(opened, Measured) and len(opened.plan.delays) > 1:
-        raise RunFolderError(
-            f"{place}: contains {len(opened.plan.delays)} delays; allowed: an acquisition of one"
-        )
+    if not isinstance(opened, Measured) and len(opened.plan.groups) > 1:
+        filters, delays = max(len(opened.plan.filters), 1), len(opened.plan.delays)
+        counts = f"{filters} filter(s) at {delays} delay(s)"
+        raise RunFolderError(f"{place}: contains {counts}; allowed: an acquisition of one of each")
     folder = opened.folder / "maps"
     if not folder.is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")

@@ -19,6 +19,7 @@ from cldit.acquisition.export import export
 from cldit.acquisition.plan import Group
 from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
 from cldit.cli import main
+from cldit.comparison.shown import open_shown
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError, SceneError
 from cldit.io.images import read_image
@@ -148,6 +149,8 @@ def test_each_filter_is_recorded_and_evaluated_apart(wheel: Mission) -> None:
     assert opened.of_group(Group(filter=1)).filter_um == (3.8, 4.0)
     with pytest.raises(RunFolderError, match=r"2 filters \(fuel, droplets\)"):
         _ = opened.calibration
+    with pytest.raises(RunFolderError, match=r"contains 2 filter\(s\) at 1 delay\(s\); allowed: "):
+        open_shown(wheel.folder)
     with pytest.raises(EvaluationError, match=r"2 filters \(fuel, droplets\); give `filter_name`"):
         evaluate_folder(wheel.folder)
     with pytest.raises(EvaluationError, match="filter_name red; allowed: fuel, droplets"):
