@@ -39,6 +39,7 @@ _FINER = (2, 8)  # samples a step where means are taken, from k = ...
 _SHARP = 0.0005  # ... on, and below, where resonances are narrower still
 _MOST_SAMPLES = 6e5  # 2 span n / k of a mean at n = 1.4 and k = 1e-7, see `resolved`
 _SECOND_PROGRAM = 1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
+_NOTHING = 1e-9  # efficiency below which a droplet is as good as absent, as at n = 1, k = 0
 _FORM = 4  # version of kept tables
 _AT_ONCE = 50_000  # diameters, whose steps stay in the cache
 
@@ -184,7 +185,8 @@ def check_by_miepython(*, n: float, k: float, largest_x: float) -> None:
         ("Q_sca", solved.scattering, scattering),
         ("g Q_sca", solved.asymmetry * solved.scattering, asymmetry * scattering),
     ):
-        difference = np.abs(values - reference) / np.maximum(extinction, np.abs(reference))
+        scale = np.maximum(np.maximum(extinction, np.abs(reference)), _NOTHING)
+        difference = np.abs(values - reference) / scale
         if not np.all(difference <= _SECOND_PROGRAM):
             worst = int(np.argmax(difference))
             raise DropletError(
