@@ -110,13 +110,7 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
         second = replace(
             tracer,
             scene=changed,
-            settings=replace(
-                settings,
-                method="source",
-                audit=False,
-                subpixels=False,
-                light=tracer.settings.light,
-            ),
+            settings=replace(settings, method="source", audit=False, subpixels=False),
             prepared=medium,
             levels={},
             variants={},

@@ -77,9 +77,6 @@ def _for_spray(
     elif "cells" not in free_sources(scene):
         cells = Cells(depth, predicted_error(tracer, depth)[0])
     else:
-        with problem.stages.stage("coarse light"):
-            resolution = replace(resolution, light=light_doublings(tracer))
-        resolution, tracer = problem.tracer(resolution)
         allocation, found = _choose_cells(problem, resolution, allocation, tracer)
         cells = found or Cells(depth, None)
     resolution = resolution.at_depth(cells.depth).limited("cells", cells.limited)
@@ -167,7 +164,6 @@ _FINEST = 12  # 4096 cells along an edge
 _SAFE = 0.92  # of the tolerance, which predicted errors aim at
 _ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
 _CLOSE = 1.1  # of the tolerance: a coarse trace of the image's own cells costs as much as that
-_LIGHT, _MOST_LIGHT = 0.3, 2  # error of the light over that of the cells, and its doublings
 _ACROSS = 32  # cells across the image, of the coarsest trace
 _ALL_HALVINGS = (
     f"the cube is halved {_FINEST} times at most; allowed: a smaller domain.edge_m, or a larger "
@@ -212,22 +208,6 @@ def _second_level(tracer: VariantTracer) -> int:
                 raise
             traced = 0
     return depth
-
-
-def light_doublings(tracer: VariantTracer) -> int:
-    """Doublings of the cells' edge for the sweeps, with little error beside that of the cells.
-
-    On coarse cells of h, C is the difference by cells of 2 h and L that by the light of 2 h alone.
-    By first order the light of H has the error L H / h.
-    """
-    depth = _second_level(tracer)
-    own, larger = tracer.level(depth), tracer.level(depth - 1)
-    lent = tracer.changed("light", depth, {"light": 1})
-    cells_K, light_K = (
-        max(one.error_K or 0.0 for one in tracer.difference(own, other)) for other in (larger, lent)
-    )
-    most = _LIGHT * cells_K / light_K if light_K > 0.0 else 1.0
-    return min(max(int(math.log2(most)), 0), _MOST_LIGHT) if most > 0.0 else 0
 
 
 def choose_cells(

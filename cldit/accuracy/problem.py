@@ -98,7 +98,6 @@ class Problem:
             tolerance_K=resolution.ordinates_K,
             more_ordinates=resolution.more_ordinates,
         )
-        settings = [replace(one, light=resolution.light) for one in settings]
         if self.scene.transport.audit:
             visible = visible_emissivities(self.scene, self.device, prepared)
             settings = [
@@ -127,13 +126,7 @@ class Problem:
                     before=before,
                 ),
             )
-        key, tracer = self._tracer
-        if tracer.settings.light != resolution.light:
-            settings = replace(tracer.settings, light=resolution.light)
-            # All images that are compared have light of equally larger cells.
-            tracer = replace(tracer, settings=settings, levels={}, variants={}, earlier={})
-            self._tracer = key, tracer
-        return resolution, tracer
+        return resolution, self._tracer[1]
 
     def medium(self, resolution: Resolution) -> tuple[Resolution, Prepared, Medium]:
         """Octrees; on larger cells where those of the resolution do not fit the memory."""

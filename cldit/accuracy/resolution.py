@@ -31,8 +31,8 @@ class Resolution:
     of the cube whose cells are the cone's lattice as well, where the scene leaves both to choice;
     spacing_m then follows depth. more_ordinates: ordinates over those of ordinates_K, for an error
     that only the audit shows. pixels_K: error asked of the rays that sample a pixel; None: the
-    scene has their number. light: doublings of the cells' edge for the sweeps. limits: why a source
-    cannot be made smaller, and what would help, by its name.
+    scene has their number. limits: why a source cannot be made smaller, and what would help, by its
+    name.
     """
 
     ordinates_K: float
@@ -45,7 +45,6 @@ class Resolution:
     more_ordinates: float = 1.0
     pixels_K: float | None = None
     gas_m: float | None = None
-    light: int = 0
     limits: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -120,7 +119,7 @@ class Resolution:
         return cls(**read, **{key: data[key] for key in _LATER if key in data})
 
 
-_LATER = ("more_ordinates", "pixels_K", "gas_m", "light")  # not in runs of 0.1.0
+_LATER = ("more_ordinates", "pixels_K", "gas_m")  # not in runs of 0.1.0
 _STORED = {
     "trace_K": "ordinates_K",
     "lattice_of_m": "cube_m",

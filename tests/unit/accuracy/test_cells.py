@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cldit.accuracy.image_pair import ImageDifference
-from cldit.accuracy.predict import choose_cells, light_doublings
+from cldit.accuracy.predict import choose_cells
 from cldit.accuracy.richardson import RichardsonEstimate, error_at, predicted_error
 from cldit.errors import MediumError, SprayError
 from cldit.medium.frame import Frame
@@ -194,18 +194,3 @@ def test_a_lattice_no_coarser_than_a_tracer() -> None:
     tracer: Any = KnownTracer(1.0, on_lattice=True)
     chosen = choose_cells(tracer, lambda _: 50.0, lambda _: None)
     assert chosen is not None and chosen.less == 1.0 and max(tracer.traced) == chosen.depth
-
-
-@pytest.mark.parametrize(
-    ("light", "doublings"), [(0.0, 0), (0.01, 2), (0.07, 2), (0.08, 1), (0.14, 1), (0.16, 0)]
-)
-def test_light_of_larger_cells_has_a_small_part_of_the_error(light: float, doublings: int) -> None:
-    """By first order its error doubles with the cells: 0.3 of that of the cells, at most 4 times
-    their edge."""
-    tracer: Any = KnownTracer(1.0)
-    depth = 7  # the second of those that are traced
-    step_K = tracer.true_K(depth - 1) - tracer.true_K(depth)
-    tracer.changed = lambda name, at, settings: (
-        tracer.true_K(at) + light * step_K * settings["light"]
-    )
-    assert light_doublings(tracer) == doublings
