@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from cldit.cli import main
 
 COMMANDS = 14
-OPTIONS = 100
+OPTIONS = 102
 KEYS = 264
 _PAGE = Path(__file__).parents[3] / "docs" / "scene-reference.md"
 _OLD = {
