@@ -193,23 +193,6 @@ def coarse_depths(tracer: VariantTracer) -> range:
     return range(min(depth, _FINEST - 3), _FINEST - 2)
 
 
-def _second_level(tracer: VariantTracer) -> int:
-    """Traces the two coarsest levels, and returns the halvings of the second; raises as
-    `choose_cells`."""
-    coarse = coarse_depths(tracer)
-    depth, traced = coarse[0] - 1, 0
-    while traced < 2:
-        depth += 1
-        try:
-            tracer.level(depth)
-            traced += 1
-        except (SprayError, TransportError):  # as in `error_at`
-            if depth >= coarse[-1]:
-                raise
-            traced = 0
-    return depth
-
-
 def choose_cells(
     tracer: VariantTracer, allowed_K: Callable[[ImagePair], float], say: Callable[[str], None]
 ) -> Cells | None:
@@ -225,7 +208,18 @@ def choose_cells(
         MediumError: not even coarse cells fit the memory.
     """
     cube = tracer.prepared.cube
-    depth = 1 + _second_level(tracer)
+    coarse = coarse_depths(tracer)
+    depth, traced = coarse[0], 0
+    while traced < 2:
+        say(f"coarse trace: cells of {1e3 * cube.at(depth).cell_m:.3g} mm")
+        try:
+            tracer.level(depth)
+            traced += 1
+        except (SprayError, TransportError):  # as in `error_at`
+            if depth >= coarse[-1]:
+                raise
+            traced = 0
+        depth += 1
     while True:
         say(f"coarse trace: cells of {1e3 * cube.at(depth).cell_m:.3g} mm")
         try:
