@@ -80,7 +80,7 @@ def test_gradients_of_source_and_radiance_add_up(device: Device) -> None:
 def test_boxes_that_share_a_buffer_change_nothing(
     device: Device, flags: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where memory is short. Sources and emission change from sweep to sweep."""
+    """A box that both orders share, as sources and emission change from sweep to sweep."""
     results = []
     for apart in (1.0, 0.0):
         monkeypatch.setattr(sweep_module, "_APART", apart)

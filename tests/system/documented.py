@@ -35,7 +35,7 @@ BEGIN: dict[str, tuple[str, ...]] = {
     "docs/ten-things.md": ("measurements/july",),
     "docs/view.md": ("runs/gdi",),
 }
-"""Files and folders of the reader that a page takes for given; all others are made on the page."""
+"""Files and folders of the reader that a page assumes; all others are made on the page."""
 
 _WRITTEN = {"out", "save", "write_measured", "write_mapping", "fit"}  # names of parameters
 

@@ -258,7 +258,7 @@ def _rig(path: Path, walk: Walk) -> None:
 
 
 def _begin(name: str, page: str, walk: Walk) -> None:
-    """Makes a file or folder that the page takes for given."""
+    """Makes a file or folder that the page assumes."""
     path = walk.folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
     if name in ("CASE", "path/to/case"):

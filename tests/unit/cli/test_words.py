@@ -1,4 +1,4 @@
-"""How many words a user may have to learn: commands, their options, keys of scenes.
+"""Counts of what a user may have to learn: commands, their options, keys of scenes.
 
 The limits only fall. `python tests/unit/cli/test_words.py` prints the counts.
 """

@@ -1,4 +1,4 @@
-"""What `cldit show --part optics` prints and draws: right numbers, and every shipped scene."""
+"""Output of `cldit show --part optics`: right numbers, and every shipped scene."""
 
 from __future__ import annotations
 
