@@ -55,10 +55,14 @@ PLAN = Plan.model_validate(
 )
 
 
-def until(condition: Callable[[], bool], seconds: float, what: str) -> None:
+GUARD_s = 300.0  # in which the guard makes its three attempts, each watching for a minute
+
+
+def until(condition: Callable[[], bool], seconds: float, what: str, log: Path | None = None) -> None:
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, what
+        text = log.read_text() if log is not None and log.exists() else ""
+        assert time.monotonic() < end, f"{what}\n{text}"
         time.sleep(0.02)
 
 
@@ -95,7 +99,8 @@ def kill_and_resume(folder: Path, kills: int, plan: Plan, *, fluke: bool) -> Non
                 process.kill()
                 process.communicate(timeout=60)
             assert process.returncode == -signal.SIGKILL, f"kill {number} came too late"
-            until(partial(more, "reports", heard), 60.0, f"kill {number}: no report of the guard")
+            report = partial(more, "reports", heard)
+            until(report, GUARD_s, f"kill {number}: no report of the guard", log)
             assert peers.blackbody.setpoint_K == pytest.approx(safe_K, abs=0.01)
             assert not getattr(peers.blackbody, "heating", False)
             assert not peers.camera.armed and not peers.camera.controlled

@@ -212,8 +212,10 @@ def test_times_side_by_side(scene: Scene, cluster: Any, tmp_path: Path) -> None:
         assert aside.dit == other.dit and aside.spray == other.spray
 
 
+# Slurm reads a job's script while sbatch runs; its caller removes the file right after.
 SBATCH = """#!/bin/sh
-nohup sh "$1" > "$1.log" 2>&1 &
+cp "$1" "$0.$$"
+nohup sh "$0.$$" > "$0.$$.log" 2>&1 &
 echo "Submitted batch job $!"
 """
 
