@@ -34,7 +34,9 @@ from cldit.spray.droplet.arrays import DropletKernels
 _HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
 _ZOOMS = 7  # each by 299: 1e15, down to rounding
 _FINE = 400  # entries in the range of liquid: steps of 4 % in B, 1e7^(1/399)
-_SLICES = 41  # evaporated shares from 0 to 1, linear between them: steps of 2.5 %
+# Evaporated shares from 0 to 1, linear between them. Rich mixtures are saturated at a share of some
+# 1 %, so steps grow from 0.02 to 2.5 %: gas within 5 K at B up to 100, where even ones leave 44 K.
+_SLICES = 81
 _AT_ONCE = 20_000  # states that are processed in the cache
 
 
@@ -257,7 +259,7 @@ def heptane_mixture(
     temperature, equilibrium = heptane_state(ratio, **conditions)
     if np.isfinite(saturation_B):
         saturation_K = float(temperature[np.searchsorted(ratio, saturation_B)])
-    kinetic = np.linspace(0.0, 1.0, _SLICES)
+    kinetic = np.linspace(0.0, 1.0, _SLICES) ** 2
     gas, liquid = (np.tile(temperature, (_SLICES, 1)) for _ in range(2))
     evaporated = np.minimum(kinetic[:, None], equilibrium)
     # Dry states have a wet bulb too, for interpolation between dry and wet states.
