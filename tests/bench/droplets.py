@@ -18,8 +18,6 @@ from cldit.gpu.device import Device, open_device
 from cldit.io.files import write_bytes, write_text
 from cldit.run import default_cache
 from cldit.show.figures.style import WIDTH_IN, figure_of, png_of
-from cldit.spray.droplet.arrays import DropletKernels
-from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.follow import follow
 from cldit.spray.droplet.models import MODELS
 from tests.verify import droplet_published as published
@@ -29,7 +27,6 @@ from tests.verify.droplet_verification import (
     microgravity_K_mm2_s,
     nomura_K_mm2_s,
     suspended_mm2,
-    wet_bulb,
 )
 
 _COLOURS = ("#1b6ca8", "#e07b00", "#b3202c", "#7a4fa3", "#2f8f4e")
@@ -99,11 +96,7 @@ def page(cache: Path, device: Device) -> str:
             "",
             *_table(["case, time", "measured", *names], _suspended_rows(cache, device)),
             "",
-            "## Wet bulb, K / steady K, mm²/s, of n-heptane in nitrogen",
-            "",
-            *_table(["gas", *names], _wet_bulb_rows(cache, device)),
-            "",
-            "## Lifetime in µs of a droplet of 9 µm, injected at 370 K",
+            "## Lifetime in µs of a droplet of 9 µm of n-heptane, injected at 370 K into nitrogen",
             "",
             *_table(["gas", *names], _lifetime_rows(cache, device)),
             "",
@@ -175,17 +168,6 @@ def _suspended_rows(cache: Path, device: Device) -> list[list[str]]:
         ):
             cells = [f"{column[number]:.2f}" for column in found]
             rows.append([f"{case.source}, {time:.0f} s", f"{measured:.2f}", *cells])
-    return rows
-
-
-def _wet_bulb_rows(cache: Path, device: Device) -> list[list[str]]:
-    fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
-    kernels = [DropletKernels.of(device, fuel, gas, model) for model in MODELS.values()]
-    rows = []
-    for pressure, gas_K in CONDITIONS:
-        found = [wet_bulb(each, gas_K=gas_K, pressure_Pa=pressure * 1e6) for each in kernels]
-        cells = [f"{warm:.1f} / {k:.3f}" for warm, k in found]
-        rows.append([f"{pressure:g} MPa, {gas_K} K", *cells])
     return rows
 
 
