@@ -181,15 +181,6 @@ def budget_part(
     """Tables and figure of the measured runs, with the error of each reference; `missing` are
     scenes without one."""
     one_seed = [row for row in rows if row.seed == rows[0].seed]
-    names = list(dict.fromkeys(name for row in one_seed for name in row.causes_K))
-    by_source = [
-        (
-            row.scene,
-            f"{row.asked_K:g}",
-            *(_range([row.causes_K[name]]) if name in row.causes_K else "-" for name in names),
-        )
-        for row in one_seed
-    ]
     counts = sorted({len(alike) for *_, alike in _alike(rows)})
     seeds = " to ".join(dict.fromkeys(str(count) for count in (counts[0], counts[-1])))
     paragraphs = [
@@ -214,10 +205,7 @@ def budget_part(
     return Part(
         name="budget",
         title="Error of T_app against time of the run",
-        tables=(
-            Table.of(_HEAD, [_line(*alike) for alike in _alike(rows)]),
-            Table.of(("scene", "asked, K", *(f"{name}, K" for name in names)), by_source),
-        ),
+        tables=(Table.of(_HEAD, [_line(*alike) for alike in _alike(rows)]),),
         data={"pixels": pixels, "rows": [asdict(row) for row in rows]},
         text=tuple(paragraphs),
         figure=budget_figure(one_seed),

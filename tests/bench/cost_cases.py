@@ -23,7 +23,7 @@ from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene, parse_scene
-from tests.bench.page import Given, write_measured
+from tests.bench.page import UNLISTED, Given, write_measured
 
 _EDGE_m = 0.1
 Fields = dict[str, Any]
@@ -243,7 +243,7 @@ def main() -> None:
     if "--run" in sys.argv:
         run_case(sys.argv[sys.argv.index("--run") + 1])
         return
-    write_measured(measured, _options)
+    write_measured(measured, _options, folder=UNLISTED)
 
 
 def _options(parser: argparse.ArgumentParser) -> None:

@@ -34,8 +34,7 @@ _STYLES = {
     "source, no gather": ("D", "tab:cyan"),
     "path": ("s", "tab:orange"),
 }
-_HEAD = ("pixels traced", "core-s", "wall s", "core-s, whole image", "T_app RMS, K", "largest, K",
-    "estimated, K")  # fmt: skip
+_HEAD = ("core-s, whole image", "T_app RMS, K", "largest, K", "estimated, K")
 
 
 @dataclass(frozen=True)
@@ -230,14 +229,13 @@ def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> P
         tables.append(Table.of((f"{phase}: method", *_HEAD), lines))
         text.append(
             f"{phase}: the reference is `path` with {truth.samples} samples per pixel in two "
-            f"independent halves. Its error of {truth.noise_K:.3f} K RMS cancels in the RMS, but "
+            f"independent halves; its error of {truth.noise_K:.3f} K RMS cancels in the RMS, but "
             f"not in the largest difference. {int(truth.visible.sum())} pixels in front of the "
             "background with an emissivity above 0.05 are compared."
         )
-    text.append(
-        "If some of the pixels were traced, the core seconds of the whole image are extrapolated: "
-        "the cost of an image of one empty pixel, plus the rest over the fraction of the pixels."
-    )
+    traced = min(row.traced for row in rows)
+    if traced < 1.0:
+        text.append(f"`path` traced {100 * traced:.3g} % of the pixels; its time is extrapolated.")
     return Part(
         name="error",
         title=f"Error against run time: {scene.name}",
@@ -255,10 +253,7 @@ def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> P
 def _line(row: Row) -> list[str]:
     return [
         row.label,
-        f"{100 * row.traced:.3g} %",
-        number(row.core_s),
-        number(row.wall_s),
-        number(row.picture_core_s) + ("" if row.traced == 1 else " (extrapolated)"),
+        number(row.picture_core_s),
         f"{row.rms_K:.3f}",
         f"{row.max_K:.2f}",
         "-" if row.stated_K is None else f"{row.stated_K:.3f}",

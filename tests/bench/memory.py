@@ -20,7 +20,7 @@ from cldit.gpu.device import Device, open_device
 from cldit.io.files import make_folder, write_text
 from cldit.run import default_cache, simulate
 from cldit.scene import Scene, dump_scene, load_scene
-from tests.bench.page import write_measured
+from tests.bench.page import UNLISTED, write_measured
 
 _WHOLE = "the scene as it is, with rig, evaluation of the shots and report"
 _CASES: tuple[tuple[str, dict[str, Any] | None], ...] = (
@@ -143,7 +143,9 @@ def _measure(arguments: list[str]) -> Peak:
 
 def main() -> None:
     """Writes memory.md."""
-    write_measured(lambda given: memory(given.scene, given.device, say=given.say))
+    write_measured(
+        lambda given: memory(given.scene, given.device, say=given.say), folder=UNLISTED
+    )
 
 
 if __name__ == "__main__":  # the measured process

@@ -18,7 +18,7 @@ from cldit.gpu.buffers import zeros
 from cldit.gpu.compilation import compiled
 from tests.bench.case import Case
 from tests.bench.kernels import Kernels, quickest
-from tests.bench.page import write_measured
+from tests.bench.page import UNLISTED, write_measured
 
 _COPY_BYTES = 256 * 2**20  # several times any cache
 _LANES = 2**15
@@ -263,4 +263,4 @@ def _segments(machine: Machine, kernels: Kernels) -> list[Line]:
 
 def main() -> None:
     """Writes roofline.md."""
-    write_measured(lambda given: roofline(given.case()))
+    write_measured(lambda given: roofline(given.case()), folder=UNLISTED)

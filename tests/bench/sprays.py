@@ -64,7 +64,7 @@ _TOP = (
     "# Verification of the computed spray: all numbers",
     "",
     "Nothing is tuned to any of these figures. 10 mg of n-heptane of 370 K, 20 MPa, eight holes of",
-    "165 µm at 33°, 0.78 ms, looked at 0.95 ms after the start of injection, unless said otherwise.",
+    "165 µm at 33°, 0.78 ms, at 0.95 ms after the start of injection, unless another is named.",
     "",
 )
 
