@@ -142,10 +142,8 @@ def _measure(arguments: list[str]) -> Peak:
 
 
 def main() -> None:
-    """Writes memory.md."""
-    write_measured(
-        lambda given: memory(given.scene, given.device, say=given.say), folder=UNLISTED
-    )
+    """Writes the page."""
+    write_measured(lambda given: memory(given.scene, given.device, say=given.say), folder=UNLISTED)
 
 
 if __name__ == "__main__":  # the measured process
