@@ -50,7 +50,7 @@ BY_FILE = {
     "vtk": "BSD-3-Clause",
 }
 NOTES = {
-    "matplotlib": "that of Python (PSF) with other names",
+    "matplotlib": "has the licence of Python (PSF) with other names",
     "pocl-binary-distribution": "contains LLVM (Apache-2.0 WITH LLVM-exception) and hwloc",
     "scipy": "contains libgfortran (GPL-3.0-or-later WITH GCC-exception-3.1)",
     "hdf5plugin": "contains filters with licences of their own",
@@ -62,7 +62,8 @@ Which licences come with an installation? cldit is MIT. The table has the SPDX e
 package that `pip install ".[pocl]"` brings, and of each package that an extra names. Only the
 extras `tdms`, `aravis` and `film` bring something that is LGPL or GPL without a choice. Made on
 {date} by `python -m tests.bench licences` from the metadata of the installed versions; packages
-without an SPDX expression there are marked *, by their licence file.
+without an SPDX expression there are marked *, by their licence file. Others: needed by other
+packages.
 """
 
 
@@ -105,24 +106,21 @@ def _closure(requirements: list[str]) -> set[str]:
     return {name for name, _ in seen}
 
 
-def licence(name: str) -> tuple[str, str]:
-    """Version and SPDX expression of a package. Raises KeyError if its licence is not known."""
+def licence(name: str) -> str:
+    """SPDX expression of a package. Raises KeyError if its licence is not known."""
     try:
-        data = distribution(name).metadata
+        stated = distribution(name).metadata.get_all("License-Expression")
     except PackageNotFoundError:
-        return "not installed", f"{BY_FILE[name]} *"
-    stated = data.get_all("License-Expression")
-    return data["Version"], stated[0] if stated else f"{BY_FILE[name]} *"
+        stated = None
+    return stated[0] if stated else f"{BY_FILE[name]} *"
 
 
 def licences_page(date: str) -> str:
     """Page in Markdown."""
-    rows = [
-        [name, *licence(name), use or "needed by others", NOTES.get(name, "")]
-        for name, use in sorted(by_use().items())
-    ]
-    table = Table(("package", "version", "licence", "installed by", "note"), rows)
-    return Page(_TITLE, [_INTRODUCTION.strip().format(date=date), table]).markdown()
+    rows = [[name, licence(name), use or "others"] for name, use in sorted(by_use().items())]
+    notes = "; ".join(f"{name} {note}" for name, note in sorted(NOTES.items()))
+    table = Table(("package", "licence", "installed by"), rows)
+    return Page(_TITLE, [_INTRODUCTION.strip().format(date=date), table, f"{notes}."]).markdown()
 
 
 def main() -> None:

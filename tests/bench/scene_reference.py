@@ -29,13 +29,12 @@ FILES: tuple[tuple[str, str, type[Keys]], ...] = (
 Schema = dict[str, Any]
 UNLISTED = "No effect"  # keys of older versions, which are still read, with a remark
 _TITLE = "Every key of a scene, rig, plan and measurement"
-_COLUMNS = ("key", "type, range", "default", "meaning")
+_COLUMNS = ("key", "type, range (default)", "meaning")
 _INTRODUCTION = """\
-Look up a key here; `cldit scenes --show gdi` prints a whole scene to begin with. Units are in the
-names, and paths are relative to the file. Defaults of scenes are the paper's numbers where it gives
-them; those of the sensor are assumptions, typical of a cooled InSb camera. A section that is not
-given has the defaults of its keys; a range without a type is one of numbers, and the default null
-means that the key is not given.
+`cldit scenes --show gdi` prints a whole scene to begin with. Units are in the names, and paths are
+relative to the file. Defaults of scenes are the paper's numbers where it gives them; those of the
+sensor are assumptions, typical of a cooled InSb camera. A range without a type is one of numbers; a
+key without a default is optional, and a section has the defaults of its keys.
 Made by `python -m tests.bench scene_reference`.
 
 VS Code (YAML extension) and PyCharm complete and check scenes with
@@ -165,7 +164,9 @@ def _table(section: Schema, places: dict[str, _Place]) -> Table:
             kinds = {}
         about = _text(value) or " ".join(_text(places[n].schema) for n in _references(value))
         named = [" or ".join(kinds)] if kinds else []
-        rows.append([f"`{key}`", ", ".join([*named, *ranges]), default, about])
+        allowed = ", ".join([*named, *ranges])
+        shown = f" ({default})" if default not in ("", "null", "[]") else ""
+        rows.append([f"`{key}`", f"{allowed}{shown}", about])
     return Table(_COLUMNS, rows)
 
 
