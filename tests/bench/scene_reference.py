@@ -17,7 +17,7 @@ from cldit.acquisition.plan import Plan
 from cldit.rig.load import RigFile
 from cldit.scene import Scene
 from cldit.scene.checks import Section as Keys
-from cldit.show.page import Page, Section, Table
+from cldit.show.page import Bullets, Page, Section
 
 # Heading, prefix of the keys at the top, and model that reads the file.
 FILES: tuple[tuple[str, str, type[Keys]], ...] = (
@@ -29,12 +29,12 @@ FILES: tuple[tuple[str, str, type[Keys]], ...] = (
 Schema = dict[str, Any]
 UNLISTED = "No effect"  # keys of older versions, which are still read, with a remark
 _TITLE = "Every key of a scene, rig, plan and measurement"
-_COLUMNS = ("key", "type, range (default)", "meaning")
 _INTRODUCTION = """\
 `cldit scenes --show gdi` prints a whole scene to begin with. Units are in the names, and paths are
 relative to the file. Defaults of scenes are the paper's numbers where it gives them; those of the
-sensor are assumptions, typical of a cooled InSb camera. A range without a type is one of numbers; a
-key without a default is optional, and a section has the defaults of its keys.
+sensor are assumptions, typical of a cooled InSb camera. Each key has its type and range, and its
+default in brackets. A range without a type is one of numbers; a key without a default is optional,
+and a section has the defaults of its keys.
 Made by `python -m tests.bench scene_reference`.
 
 VS Code (YAML extension) and PyCharm complete and check scenes with
@@ -87,20 +87,20 @@ def sections_of(
     new = [place for place in places.values() if place not in shown]
     shown += new
     inner = [Section(place.heading, _content(place, places), level=3) for place in new]
-    return [Section(title, [_text(schema), _table(schema, places)]), *inner]
+    return [Section(title, [_text(schema), _keys(schema, places)]), *inner]
 
 
-def _content(place: _Place, places: dict[str, _Place]) -> list[str | Table]:
-    """Description and table; keys of the first kind are named alone."""
+def _content(place: _Place, places: dict[str, _Place]) -> list[str | Bullets]:
+    """Description and keys; keys of the first kind are named alone."""
     given = place.schema["properties"]
     first = place.sibling["properties"] if place.sibling is not None else {}
     same = [key for key, value in given.items() if first.get(key) == value]
     rest = {key: value for key, value in given.items() if key not in same and "const" not in value}
-    content: list[str | Table] = [_text(place.schema)]
+    content: list[str | Bullets] = [_text(place.schema)]
     if same:
         names = ", ".join(f"`{key}`" for key in same)
         content.append(f"As in {_first(place, places)}: {names}.")
-    return [*content, _table(place.schema | {"properties": rest}, places)] if rest else content
+    return [*content, _keys(place.schema | {"properties": rest}, places)] if rest else content
 
 
 def _first(place: _Place, places: dict[str, _Place]) -> str:
@@ -149,8 +149,8 @@ def _references(schema: Schema) -> Iterator[str]:
             yield from _references(part["items"])
 
 
-def _table(section: Schema, places: dict[str, _Place]) -> Table:
-    rows = []
+def _keys(section: Schema, places: dict[str, _Place]) -> Bullets:
+    lines = []
     needed = section.get("required", [])
     for key, value in section.get("properties", {}).items():
         if _text(value).startswith(UNLISTED):
@@ -164,16 +164,18 @@ def _table(section: Schema, places: dict[str, _Place]) -> Table:
             kinds = {}
         about = _text(value) or " ".join(_text(places[n].schema) for n in _references(value))
         named = [" or ".join(kinds)] if kinds else []
-        allowed = ", ".join([*named, *ranges])
+        allowed = ", ".join([f"`{key}`", *named, *ranges])
         shown = f" ({default})" if default not in ("", "null", "[]") else ""
-        rows.append([f"`{key}`", f"{allowed}{shown}", about])
-    return Table(_COLUMNS, rows)
+        lines.append(f"{allowed}{shown}: {about}")
+    return Bullets(lines)
 
 
 def _type(part: Schema, places: dict[str, _Place]) -> str:
     if "$ref" in part:
         place = places[part["$ref"].rpartition("/")[2]]
         return f"[{place.kind or 'section'}](#{place.anchor})"
+    if "+z" in part.get("enum", ()):
+        return "`-x` to `+z`"
     if "enum" in part:
         return ", ".join(f"`{value}`" for value in part["enum"])
     if "const" in part:

@@ -40,8 +40,8 @@ def listed() -> dict[str, list[str]]:
 
 
 def keys() -> int:
-    """Rows of the reference of all keys: of scenes, rigs, plans and measurements."""
-    return _PAGE.read_text(encoding="utf-8").count("\n| `")
+    """Entries of the reference of all keys: of scenes, rigs, plans and measurements."""
+    return _PAGE.read_text(encoding="utf-8").count("\n- `")
 
 
 def test_no_more_words() -> None:

@@ -64,7 +64,7 @@ def test_page_holds_every_key_and_no_dead_link() -> None:
     for section in EVERY:
         for key, field in section.model_fields.items():
             listed = not str(field.description).startswith(UNLISTED)
-            assert not listed or f"| `{key}` |" in page
+            assert not listed or f"\n- `{key}`" in page
     assert "parcels_per_cell" not in page
     headings = re.findall(r"^#+ (.*)$", page, re.MULTILINE)
     anchors = [re.sub(r"[^\w\s-]", "", text).lower().replace(" ", "-") for text in headings]
