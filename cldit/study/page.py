@@ -166,7 +166,7 @@ class StudyPage:
             f"commit {made[:7] + made[40:]}" if made else "",
             self.device,
             f"mean of seeds {', '.join(map(str, self.seeds))}" if self.seeds else "",
-            f"errors by {'seeds and by ' if self.seeds else ''}cells of twice the edge"
+            f"errors by {'seeds, ' if self.seeds else ''}cells of twice the edge"
             if self.row_errors
             else "",
             f"{self.seconds:.0f} s" if self.seconds else "",
@@ -180,8 +180,9 @@ class StudyPage:
             Figure(each.png, each.caption, f"study-{self.name}-{name}.png")
             for name, each in self.figures.items()
         ]
+        numbers = "" if tables else f" (all numbers: `{self.name}.json`)"
         content: list[Block] = [
-            f"{self.about} Made by `{self.command}`. {self._made()}",
+            f"{self.about} Made by `{self.command}`{numbers}. {self._made()}",
             *figures,
             self.text,
         ]
@@ -192,8 +193,6 @@ class StudyPage:
         if tables:
             content += [Section(title, [_table(rows, self._errors(title or "Numbers"))])
                         for title, rows in {"": self.table, **self.more}.items()]  # fmt: skip
-        else:
-            content.append(f"All numbers are in `{self.name}.json`.")
         return show.Page(self.title, content)
 
     def _verdicts(self) -> Table:

@@ -18,12 +18,10 @@ from cldit.gpu.device import Device, open_device
 from cldit.io.files import write_bytes, write_text
 from cldit.run import default_cache
 from cldit.show.figures.style import WIDTH_IN, figure_of, png_of
-from cldit.spray.droplet.follow import follow
 from cldit.spray.droplet.models import MODELS
 from tests.verify import droplet_published as published
 from tests.verify.droplet_convergence import Case, Convergence, measure_all
 from tests.verify.droplet_verification import (
-    CONDITIONS,
     microgravity_K_mm2_s,
     nomura_K_mm2_s,
     suspended_mm2,
@@ -96,10 +94,6 @@ def page(cache: Path, device: Device) -> str:
             "",
             *_table(["case, time", "measured", *names], _suspended_rows(cache, device)),
             "",
-            "## Lifetime in µs of a droplet of 9 µm of n-heptane, injected at 370 K into nitrogen",
-            "",
-            *_table(["gas", *names], _lifetime_rows(cache, device)),
-            "",
         ]
     )
 
@@ -168,28 +162,6 @@ def _suspended_rows(cache: Path, device: Device) -> list[list[str]]:
         ):
             cells = [f"{column[number]:.2f}" for column in found]
             rows.append([f"{case.source}, {time:.0f} s", f"{measured:.2f}", *cells])
-    return rows
-
-
-def _lifetime_rows(cache: Path, device: Device) -> list[list[str]]:
-    rows = []
-    for pressure, gas_K in CONDITIONS:
-        lives = [
-            follow(
-                fuel="n-heptane",
-                diameter_m=9e-6,
-                temperature_K=370.0,
-                gas_temperature_K=gas_K,
-                pressure_Pa=pressure * 1e6,
-                model=name,
-                points=2,
-                device=device,
-                cache=cache,
-            )
-            for name in MODELS
-        ]
-        cells = [f"{1e6 * life.time_s[-1]:.0f}" for life in lives]
-        rows.append([f"{pressure:g} MPa, {gas_K} K", *cells])
     return rows
 
 

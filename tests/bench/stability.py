@@ -84,20 +84,17 @@ def known_table(outcomes: list[Outcome]) -> Table:
 
 
 _TEXT = (
-    "**Known answers** (first table). A cavity at one temperature is flat, an absorbing medium "
+    "**Known answers** (first table): a cavity at one temperature is flat, an absorbing medium "
     "follows Beer-Lambert, and an isothermal spray that does not scatter has its own temperature. "
     "The error is the largest over all pixels, in weights from 0 to 1 unless a unit is given; for "
-    "`path` and `branching`, which have noise, it is that of the mean. Nothing is normalised.",
-    "**Extreme media** (second table). RMS error of T_app over the pixels that have one, with "
-    "`transport.accuracy_K` at its default of 1 K. The truth of voxels is `path` with nine rays "
-    "per pixel, that of parcels the continuous spray from which they are drawn; ± is its standard "
-    "error, where it matters. Bold: less than half of the error is stated.",
-    "**Slabs** (third table). Stated/true error of T_app in K of slabs at 400 K between walls at "
-    "300 K, seen along the normal; the truth is discrete ordinates (PythonicDISORT, 48 streams). "
-    "Slabs have four layers of cells, unless one is given, and one at depth 0.1. "
-    "≥: an error source is unknown, as light that scatters very often is not audited and three "
-    "pixels do not show what pixels miss. ?: nothing is stated. -: emissivity below 0.05, no "
-    "T_app.",
+    "`path` and `branching` it is that of the mean.",
+    "**Extreme media** (second table): RMS error of T_app at 1 K. The truth of voxels is `path` "
+    "with nine rays per pixel, that of parcels the continuous spray from which they are drawn; ± "
+    "is its standard error. Bold: less than half of the error is stated.",
+    "**Slabs** (third table): stated/true error of T_app in K at 400 K between walls at 300 K, "
+    "along the normal, against discrete ordinates (PythonicDISORT, 48 streams). Slabs have four "
+    "layers of cells, unless one is given. ≥: an error source is unknown. ?: nothing is stated. "
+    "-: emissivity below 0.05, no T_app.",
 )
 
 
