@@ -1,7 +1,7 @@
 """Base class and interval type of checked input, and messages that name what is allowed."""
 
 import difflib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -11,20 +11,25 @@ from pydantic import (
     ConfigDict,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    model_validator,
 )
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
 
 from cldit.errors import SceneError
+
+Former = Mapping[str, tuple[Any, str]]
 
 
 class Section(BaseModel):
     """Base of every section of a scene, rig or plan file: frozen, with unknown keys refused.
 
     The string below a key is its description in the reference and in editors. _scene_type: the type
-    that contains all sections of a scene, which `cldit.scene.schema` sets.
+    that contains all sections of a scene, which `cldit.scene.schema` sets. _former: keys of older
+    versions, with the value that their runs store by themselves, and what to do in place of others.
     """
 
     _scene_type: ClassVar[type[BaseModel] | None] = None
+    _former: ClassVar[Former] = {}
 
     model_config = ConfigDict(
         frozen=True,
@@ -33,6 +38,16 @@ class Section(BaseModel):
         allow_inf_nan=False,
         use_attribute_docstrings=True,
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_former(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        for key, (stored, advice) in cls._former.items():
+            if data.get(key, stored) != stored:
+                raise ValueError(f"{key}: no key of this version; {advice}")
+        return {key: value for key, value in data.items() if key not in cls._former}
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise SceneError(

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
-from cldit.scene.checks import Section, Within, length
+from cldit.scene.checks import Former, Section, Within, length
 from cldit.scene.sizes import Droplets, NukiyamaTanasawa
 from cldit.scene.values import Angle, CaseTime, Direction, Fraction, Length, Point
 
@@ -167,21 +167,16 @@ class InjectionRate(Section):
 class FlowBox(Section):
     """Closed space of rays from the injector tip, in which the gas flow is computed."""
 
+    _former: ClassVar[Former] = {
+        "above_m": (5e-3, "the tip is a wall"),
+        "width_m": (None, "use depth_m, half of it or more"),
+    }
+
     spacing_m: Annotated[float, Within(1e-4, 1e-2)] | None = None
     """Edge of the gas cells 25 mm from the tip; it is proportional to that distance. Default: as
     `transport.accuracy_K` needs; 1 mm without a choice."""
-    width_m: Length | None = None
-    """Diameter of the space, at least. Default: wide enough for the spray."""
     depth_m: Length | None = None
     """Radius of the space. Default: deep enough for the spray."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _older(cls, data: Any) -> Any:
-        """Drops `above_m` with its only value that runs of older versions contain by themselves."""
-        if isinstance(data, dict) and data.get("above_m") == 5e-3:
-            return {key: value for key, value in data.items() if key != "above_m"}
-        return data
 
     @property
     def cell_m(self) -> float:

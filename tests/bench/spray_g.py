@@ -39,10 +39,10 @@ _CAUSES = (
 
 
 def _changes(box: FlowBox) -> dict[str, dict[str, Any]]:
-    wide = box.model_copy(update={"width_m": 80e-3})  # an even number of cells of 1 mm
+    wide = box.model_copy(update={"depth_m": 80e-3})
     return {
         "abramzon-sirignano": {},
-        "the same, 80 mm wide": {"box": wide},
+        "the same, 80 mm deep": {"box": wide},
         "the same, another seed": {"seed": 2},
         "the same, cones of 22°": {"plumes": EIGHT_PLUMES},
         "the same, 11 µm": {"droplets": NukiyamaTanasawa(m_um=1.5 * 11 / 9)},

@@ -142,10 +142,7 @@ def _reach_m(spec: LagrangianSpray, injection: Injection, gas_kg_mol: float) -> 
             spreading=NABER_SIEBERS,
         )
         reach = max(reach, jet.tip_m(domain_time_s(spec)))
-    wide = 0.5 * (spec.box.width_m or 0.0)
-    if spec.box.depth_m is None:
-        return _OVER * reach, max(1.6 * reach + 5e-3, wide)
-    far_m = max(spec.box.depth_m, wide)
+    far_m = 1.6 * reach + 5e-3 if spec.box.depth_m is None else spec.box.depth_m
     if far_m < _LEAST_DEPTH_m:
         raise SprayError(f"{DEPTH_KEY}: {far_m:g}; allowed: {_LEAST_DEPTH_m:g} and more")
     return _OVER * reach, far_m

@@ -109,6 +109,12 @@ def test_sizes_there_and_back(droplets: dict[str, object] | None, kind: type) ->
     assert parse_scene(yaml.safe_load(dump_scene(scene))) == scene
 
 
+def test_keys_that_runs_of_older_versions_store() -> None:
+    box = {"spacing_m": 1e-3, "above_m": 5e-3, "width_m": None}
+    scene = _scene(spray={"model": "lagrangian", "box": box})
+    assert scene == _scene(spray={"model": "lagrangian", "box": {"spacing_m": 1e-3}})
+
+
 def test_sizes_as_objects() -> None:
     assert ConeSpray(droplets=Monodisperse(diameter_um=9.0)).droplets == Monodisperse(diameter_um=9)
     assert ConeSpray().droplets == NukiyamaTanasawa()
@@ -201,6 +207,10 @@ def test_sizes_as_objects() -> None:
             {"spray": {"model": "cone", "droplets": 9}},
             "spray.droplets: is no size distribution; allowed: {m_um, n, p}, {diameter_um}, "
             "{median_um, sigma}, {d_um, q}, {edges_um, number} or null",
+        ),
+        (
+            {"spray": {"model": "lagrangian", "box": {"width_m": 0.08}}},
+            "spray.box: width_m: no key of this version; use depth_m, half of it or more",
         ),
         (
             {"spray": {"model": "cone", "ambient": {"pressure_Pa": 6}}},
