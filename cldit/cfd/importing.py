@@ -103,8 +103,6 @@ def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spra
     Raises:
         SprayError: the case or the file is refused, see `read_cfd`; no file is written then.
     """
-    if spec.spread_m is not None:
-        raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")
     spray = read_cfd(spec, watch=watch)
     if out is not None:
         write_spray(out, spray, watch=watch)

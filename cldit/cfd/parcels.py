@@ -1,7 +1,7 @@
 """Parcels of a case: range checks, omission of impossible ones, spreading over a ball."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -116,26 +116,6 @@ def only(cloud: Cloud, kept: Mask) -> Cloud:
     )
     place = Column(cloud.position_m.label, cloud.position_m.values[kept])
     return Cloud(cloud.name, place, fields, extra)
-
-
-def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
-    """Shares the droplets of every parcel evenly among `points` places in a ball of `radius_m`.
-
-    Places are uniform in the ball and come in opposite pairs (with the centre, for an odd number),
-    so mass, centre of mass, diameters and temperatures of each parcel are unchanged.
-    """
-    count = len(parcels.diameter_m)
-    random = np.random.default_rng(seed)
-    way = random.normal(size=(count, points // 2, 3))
-    way /= np.linalg.norm(way, axis=2, keepdims=True)
-    way *= radius_m * np.cbrt(random.uniform(size=(count, points // 2, 1)))
-    middle = np.zeros((count, points % 2, 3))
-    shift = np.concatenate([way, -way, middle], axis=1)
-    places = (parcels.position_m[:, None] + shift).reshape(-1, 3)
-    copies = copied(replace(parcels, droplets=parcels.droplets / points), places, np.repeat)
-    if parcels.velocity_m_s is None:
-        return copies
-    return replace(copies, velocity_m_s=np.repeat(parcels.velocity_m_s, points, axis=0))
 
 
 def copied(parcels: Parcels, position_m: Floats, copy: Callable[[Floats, int], Floats]) -> Parcels:

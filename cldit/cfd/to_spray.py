@@ -15,7 +15,7 @@ from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
 from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
-from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
+from cldit.cfd.parcels import check_parcels, farthest_m, only
 from cldit.cfd.plausible import (
     check_one_liquid,
     check_totals,
@@ -62,7 +62,6 @@ def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
     `spec.fuel_field`. Parcels: d (the diameter), nParticle (a real number), T, rho. The nozzle
     becomes the origin and the axis of injection -z. Nozzle and axis are inferred where the scene
     does not give them; `remarks` state their source. Cells without vapour are omitted.
-    With `spec.spread_m` each parcel becomes several points.
 
     Args:
         spec: the case.
@@ -76,13 +75,7 @@ def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
         SprayError: files or fields are missing, damaged, or hold impossible values; the message
             names the file and the field.
     """
-    spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec, watch)
-    if spec.spread_m is None or spray.parcels is None:
-        return spray
-    parcels = spread_parcels(
-        spray.parcels, radius_m=spec.spread_m, points=spec.spread_points, seed=spec.seed
-    )
-    return replace(spray, parcels=parcels)
+    return _stored(spec) if find_format(spec) == "cldit" else _imported(spec, watch)
 
 
 def _stored(spec: CfdSpray) -> Spray:

@@ -119,10 +119,7 @@ def deposited(scene: Scene, spray: Spray) -> Spray:
     if spray.parcels is None:
         return spray
     exposure_s = scene.camera.smear_s
-    deposit = getattr(scene.spray, "deposit", None)
-    if deposit is None:  # droplets that the user has spread already stay where they are
-        deposit = "points" if getattr(scene.spray, "spread_m", None) else "kernel"
-    if deposit == "points" or spray.parcels.extent is not None:
+    if getattr(scene.spray, "deposit", None) == "points" or spray.parcels.extent is not None:
         moved = smeared(spray.parcels, exposure_s)
         return spray if moved is spray.parcels else replace(spray, parcels=moved)
     return replace(spray, parcels=Kernel(exposure_s=exposure_s).spread(spray.parcels))

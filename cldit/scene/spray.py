@@ -280,6 +280,12 @@ Check = Literal["times", "copies", "tracks", "summary", "cells", "liquids"]
 class CfdSpray(Section):
     """Result of a CFD code."""
 
+    _former: ClassVar[Former] = {
+        "spread_m": (None, "deposit: kernel spreads parcels over the distance between them"),
+        "spread_points": (16, "deposit: kernel spreads parcels evenly"),
+        "seed": (1, "deposit: kernel draws nothing"),
+    }
+
     model: Literal["cfd"] = "cfd"
     """Name of the model."""
     file: Path
@@ -316,13 +322,7 @@ class CfdSpray(Section):
     axis: Direction | None = None
     """Direction of injection in the case, `-y` or three numbers, the new -z. Default: inferred."""
     deposit: Deposit | None = None
-    """As in a computed spray. Default: `kernel`, or `points` with `spread_m`."""
-    spread_m: Annotated[float, Within(1e-7, 0.1)] | None = None
-    """Radius of the ball over which a parcel is spread. Default: no spreading."""
-    spread_points: Annotated[int, Within(2, 1000)] = 16
-    """Number of points in that ball."""
-    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    """Random seed of these points."""
+    """As in a computed spray. Default: `kernel`."""
     scatter: OpticalScatter = Scatter()
     """Differences between injections."""
 

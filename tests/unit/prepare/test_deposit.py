@@ -31,8 +31,7 @@ def _parcels() -> Parcels:
         ({"model": "lagrangian"}, True),
         ({"model": "lagrangian", "deposit": "points"}, False),
         ({"model": "cfd", "file": "case"}, True),
-        ({"model": "cfd", "file": "case", "spread_m": 1e-3}, False),
-        ({"model": "cfd", "file": "case", "spread_m": 1e-3, "deposit": "kernel"}, True),
+        ({"model": "cfd", "file": "case", "deposit": "points"}, False),
         ({"model": "cone"}, True),  # parcels that are given from Python in place of its own
     ],
     ids=str,

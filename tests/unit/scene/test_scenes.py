@@ -213,6 +213,10 @@ def test_sizes_as_objects() -> None:
             "spray.box: width_m: no key of this version; use depth_m, half of it or more",
         ),
         (
+            {"spray": {"model": "cfd", "file": "case", "spread_m": 1e-3}},
+            "spray: spread_m: no key of this version; deposit: kernel spreads parcels",
+        ),
+        (
             {"spray": {"model": "cone", "ambient": {"pressure_Pa": 6}}},
             "spray.ambient.pressure_Pa: 6 is outside 1000..2e+07",
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,13 +12,12 @@ import yaml
 from click.testing import CliRunner
 
 from cldit.cfd.mapping.file import read_column_map
-from cldit.cfd.parcels import spread_parcels
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.load import load_scene
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Parcels, Spray
+from cldit.spray.result import Spray
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
@@ -119,44 +118,6 @@ def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) 
         np.savez_compressed(out, **kept)
         with pytest.raises(SprayError, match=message):
             read_cfd(CfdSpray(file=out))
-
-
-@pytest.mark.parametrize("points", [2, 7, 16])
-def test_spread_keeps_mass_and_place(
-    tmp_path: Path, foam: Foam, writers: Writers, points: int
-) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
-    keys: dict[str, Any] = {"file": case, "spread_points": points, **writers.place}
-    one = read_cfd(CfdSpray(**keys)).parcels
-    two = read_cfd(CfdSpray(spread_m=0.3e-3, **keys)).parcels
-    assert one is not None
-    assert two is not None
-    assert len(two.droplets) == points * len(one.droplets)
-    # sums of rounded shares: 17 x 16 of them
-    assert two.mass_kg == pytest.approx(one.mass_kg, rel=1e-13)
-    assert two.sauter_mean_diameter_m == pytest.approx(one.sauter_mean_diameter_m, rel=1e-13)
-    cloudlets = two.position_m.reshape(-1, points, 3)
-    assert cloudlets.mean(axis=1) == pytest.approx(one.position_m, abs=1e-15)
-    away = np.linalg.norm(cloudlets - one.position_m[:, None], axis=2)
-    assert away.max() <= 0.3e-3 * (1 + 1e-12)
-    again = read_cfd(CfdSpray(spread_m=0.3e-3, **keys)).parcels
-    other = read_cfd(CfdSpray(spread_m=0.3e-3, seed=2, **keys)).parcels
-    assert again is not None
-    assert other is not None
-    assert np.array_equal(again.position_m, two.position_m)
-    assert not np.array_equal(other.position_m, two.position_m)
-
-
-def test_spread_fills_the_ball_evenly() -> None:
-    """Half of the droplets lie within the radius of half the volume."""
-    one = Parcels(
-        np.zeros((1, 3)), np.array([1e-5]), np.array([1e6]), np.array([300.0]), np.array([700.0])
-    )
-    many = spread_parcels(one, radius_m=1e-3, points=20_000, seed=5)
-    away = np.linalg.norm(many.position_m, axis=1)
-    # 10000 independent pairs: standard error of the share 0.005, four of them
-    assert np.mean(away < 1e-3 * 0.5 ** (1 / 3)) == pytest.approx(0.5, abs=0.02)
 
 
 def test_scene_finds_its_files(tmp_path: Path, foam: Foam, writers: Writers) -> None:
