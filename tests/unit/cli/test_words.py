@@ -16,7 +16,7 @@ from cldit.cli import main
 
 COMMANDS = 14
 OPTIONS = 102
-KEYS = 260
+KEYS = 258
 _PAGE = Path(__file__).parents[3] / "docs" / "scene-reference.md"
 _OLD = {
     "repeat": ("RUN", "cldit compare RUN --repeat"),
