@@ -141,6 +141,9 @@ def evaluate_folder(
         filter_name: which of the plan's filters; required if it has several.
         say: called with lines about measured files, before the fit.
 
+    Returns:
+        Maps (H, W), checks, error budget, remarks and calibration.
+
     Raises:
         RunFolderError: the folder contains no acquisition. Shots that are damaged or missing in
             the journal are omitted and named by the remarks.

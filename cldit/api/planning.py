@@ -127,6 +127,9 @@ def plan(
         device: OpenCL device; None chooses.
         progress: called with lines of text.
 
+    Returns:
+        The designs that reach the errors, the chosen one, its plan and the written files.
+
     Raises:
         EvaluationError: a number is not allowed, or no design reaches the errors.
         ClditError: as `cldit.simulate`.
@@ -210,6 +213,9 @@ def separate(
         least_emissivity, limits_K: as for `cldit.plan`.
         device: OpenCL device; None chooses.
         progress: called with lines of text.
+
+    Returns:
+        The nearest plan of each delay and band, and the plan of the fastest, or None.
 
     Raises:
         EvaluationError: the scenes are not seen alike.

@@ -27,6 +27,9 @@ def progress_bar() -> AbstractContextManager[Watcher]:
 
     with cldit.progress_bar() as bar:
         run = cldit.simulate("gdi", "runs/gdi", record=True, progress=bar.say, watch=bar.watch)
+
+    Returns:
+        Context of a watcher, whose `say` and `watch` take the progress.
     """
     if in_notebook():
         return NotebookBar()

@@ -101,6 +101,9 @@ def repeat(
         within_K: RMS allowed in T_app; None: explained by the stated errors.
         progress: called with a line of text as things happen.
 
+    Returns:
+        Differences of traces and recordings; inputs and versions that have changed.
+
     Raises:
         RunFolderError: the folder contains no run, inputs are missing or changed, or `out` is not
             empty.

@@ -54,7 +54,15 @@ class ScriptRig(Rig):
         return iterate(self, _plan(plan), Path(folder), progress=progress, should_stop=should_stop)
 
     def dry_run(self, plan: AnyPlan, folder: str | Path) -> DryRun:
-        """Checks a `plan` into a `folder` as `cldit.acquisition.dry_run`."""
+        """Checks a `plan` into a `folder` as `cldit.acquisition.dry_run`.
+
+        Args:
+            plan: a plan, or the path of plan.yaml.
+            folder: folder of the shots.
+
+        Returns:
+            Time, disk space, and the problems that forbid the acquisition.
+        """
         return dry_run(self, _plan(plan), Path(folder))
 
 

@@ -72,6 +72,9 @@ def run_series(
         ahead: called with the scene of each time by its folder before they are run, to trace them
             side by side.
 
+    Returns:
+        The scene and figures of each time, and the files beside the run folders.
+
     Raises:
         RunFolderError: the folder contains something else.
         SprayError: a time does not exist, or no time could be run.

@@ -46,6 +46,9 @@ def simulate(
         watch: called with the progress of reading a CFD case, and of the rig.
         like: run whose resolution is taken; the error is then not estimated.
 
+    Returns:
+        Weights and maps (H, W), stated errors, and `measured` with `record`.
+
     Raises:
         RunFolderError: the folder has another scene, or another process writes to it.
         SprayError: `spray` is given for several injections.

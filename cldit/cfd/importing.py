@@ -43,6 +43,12 @@ _COUNTS = ("parcels", "gas_cells", "vapour_cells", "parcels_left_out", "copies")
 def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:
     """Makes the `spray` section of a scene from the keys that are not None.
 
+    Args:
+        keys: values by key, as in YAML; None: not given.
+
+    Returns:
+        The section `spray` of a scene.
+
     Raises:
         SprayError: a key or value is not allowed.
     """
@@ -77,6 +83,12 @@ def import_case(
 def list_case(spec: CfdSpray) -> list[str]:
     """Lists format, times, cell fields and clouds, a line each.
 
+    Args:
+        spec: the case.
+
+    Returns:
+        Lines of text.
+
     Raises:
         SprayError: the case cannot be read.
     """
@@ -99,6 +111,9 @@ def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spra
         spec: the case.
         out: path of the file, which appears whole or not at all; None writes none.
         watch: receives the progress.
+
+    Returns:
+        The spray in cldit's frame.
 
     Raises:
         SprayError: the case or the file is refused, see `read_cfd`; no file is written then.

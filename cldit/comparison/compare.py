@@ -94,19 +94,19 @@ def compare(
     """Compares a result, measured or simulated, with others in the same view.
 
     Args:
-        one: a run, or the folder of a run, of an evaluated acquisition or of measured data.
-        others: likewise.
+        one, others: runs, or folders of runs, of evaluated acquisitions or of measured data.
         acquired: of runs, compare the recordings of their rigs, not the traces.
         within_K: RMS allowed in T_app; None: explained by the errors of both.
-        align: scale, rotation, shift and mirror from the `metadata` (pixel size and position of the
-            injector's tip), or from the `images`, with an error of their own.
+        align: scale, rotation, shift and mirror from the `metadata` or from the `images`.
         lines: runs by name, each the first run of the others with one quantity changed by its
             spread (k, vapour, sizes, gas grid): an error that all simulations share.
 
+    Returns:
+        Differences from each of the others, with regions, causes and the test.
+
     Raises:
         RunFolderError: there are no maps.
-        EvaluationError: nothing to compare: no other result, no T_app, other filters, or no pixel
-            of the spray that both see.
+        EvaluationError: no other result, no T_app, other filters, or no spray that both see.
     """
     if not others:
         raise EvaluationError("one result alone; allowed: two or more")

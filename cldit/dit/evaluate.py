@@ -78,6 +78,9 @@ def evaluate_radiance(
             of the backgrounds; None: errors are 0. Saturation is ignored.
         shots, references: exposures per background.
 
+    Returns:
+        Maps (H, W) of T_app [K], emissivity, their standard errors and reasons.
+
     Raises:
         EvaluationError: fewer than two different backgrounds, or traces of different shape.
     """

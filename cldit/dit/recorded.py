@@ -152,6 +152,9 @@ def evaluate_shots(
             evaluation.
         progress: called with (shots read, shots in all).
 
+    Returns:
+        Maps (H, W), checks, remarks and calibration.
+
     Raises:
         EvaluationError: data are missing or inconsistent; references and injections are swapped; a
             witness is severe and not accepted.

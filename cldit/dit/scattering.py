@@ -78,6 +78,9 @@ def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float])
         spray, reference: weights (H, W) of the model with and without spray.
         parts: radiances of `enclosure`.
 
+    Returns:
+        Share and radiance (H, W) of the scattered light of all parts.
+
     Raises:
         EvaluationError: model and measurement have different patches.
     """
@@ -115,6 +118,9 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
         maps: (H, W) measured.
         scattered: the scattered shares, of the same shape.
         curve: temperature to radiance.
+
+    Returns:
+        Temperature [K], its standard error and the share of scattered light (H, W).
 
     Raises:
         EvaluationError: maps and shares differ in shape.

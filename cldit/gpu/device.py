@@ -134,6 +134,9 @@ def _describe(index: str, platform: Any, device: Any) -> DeviceInfo:
 def list_devices() -> list[DeviceInfo]:
     """All OpenCL devices of this machine.
 
+    Returns:
+        The devices, in the order of their indices `platform:device`.
+
     Raises:
         DeviceError: there is none (the message says what to install), or this process is a fork of
             one that had used OpenCL.

@@ -98,6 +98,9 @@ def open_run(path: str | Path) -> Run:
     Args:
         path: the folder, as `cldit run` or `cldit.simulate` leave it.
 
+    Returns:
+        The run; `measured` if the rig recorded it.
+
     Raises:
         RunFolderError: the folder is missing, holds no finished run, or is damaged.
     """

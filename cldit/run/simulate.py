@@ -158,6 +158,9 @@ def reevaluated(run: Run, scene: Scene) -> Run:
     Args:
         scene: may differ from the run's in the keys that `cldit.run.content.trace_content` ignores.
 
+    Returns:
+        A run of the other scene, with the same weights.
+
     Raises:
         EvaluationError: the trace is not this scene's.
     """

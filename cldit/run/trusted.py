@@ -28,6 +28,9 @@ def open_device(wanted: str | None = None) -> Device:
             that have not failed their check, the GPU with the most memory, or else the device with
             the most compute units.
 
+    Returns:
+        The device, open.
+
     Raises:
         DeviceError: there is no such device, it cannot be opened, it fails its check, or this
             process is a fork of one that had used OpenCL.

@@ -75,6 +75,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
             the file start at its folder. A key `base` names another scene, whose keys apply where
             the file has none.
 
+    Returns:
+        The scene, checked and frozen.
+
     Raises:
         SceneError: no such scene, or a key or value is not allowed; the message lists each with
             what is allowed.

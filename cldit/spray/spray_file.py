@@ -161,6 +161,12 @@ def check_members(archive: zipfile.ZipFile) -> None:
 def read_spray(path: Path) -> Spray:
     """Reads a file of `write_spray`.
 
+    Args:
+        path: .npz file.
+
+    Returns:
+        The spray in cldit's frame.
+
     Raises:
         SprayError: the file is missing, damaged, cut off, of another layout, or lacks an array.
     """

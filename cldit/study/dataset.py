@@ -186,6 +186,9 @@ def open_study(path: str | Path) -> xarray.Dataset:
     Args:
         path: folder of the sweep.
 
+    Returns:
+        Variables over the axes of the grid, z and x.
+
     Raises:
         StudyError: the folder has no sweep, or the extra `studies` is not installed.
     """

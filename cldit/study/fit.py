@@ -187,6 +187,9 @@ def fit(
         cache: as for `cldit.simulate`.
         progress: called with a line for each evaluation.
 
+    Returns:
+        Parameters with intervals, covariance (P, P), and the run of the best values.
+
     Raises:
         StudyError: a key, its bounds or its prior is not allowed, or it has no effect.
         ClditError: as `cldit.simulate` and `cldit.compare`.

@@ -9,7 +9,9 @@ What must be there:
 - there, a function with `Args` that returns arrays or several things describes them under
   `Returns`, or in a summary that begins with the shape of the array;
 - there, a shape is given where arrays are taken, returned or held by a class: `(N,)`, or in words;
-- there, a `raise` of one of the package's errors is under `Raises`.
+- there, a `raise` of one of the package's errors is under `Raises`;
+- a function that such a page lists by its own name has `Args` for each parameter, and `Returns`
+  unless its summary says what it returns.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.util
+import inspect
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -174,6 +177,39 @@ def test_public_names_are_documented() -> None:
         found = faults_in(path.read_text(encoding="utf-8"), shown)
         faults += [f"{path.relative_to(ROOT)}: {fault}" for fault in found]
     assert not faults, "\n".join(faults)
+
+
+def listed_faults(name: str, function: Callable[..., object]) -> list[str]:
+    """Sections that a function of an API page lacks."""
+    text, signature = inspect.getdoc(function) or "", inspect.signature(function)
+    given = text.partition("Args:")[2]
+    missing = [one for one in signature.parameters if not re.search(rf"\b{one}\b", given)]
+    faults = [f"{name}: Args lack {', '.join(missing)}"] if missing else []
+    returns = signature.return_annotation not in (None, "None") and signature.parameters
+    if returns and "Returns:" not in text and "returns" not in text.partition("\n")[0]:
+        faults.append(f"{name}: no Returns")
+    return faults
+
+
+def test_functions_of_the_pages_have_all_sections() -> None:
+    faults = []
+    for name in sorted(api_names()):
+        module, _, last = name.rpartition(".")
+        one = getattr(importlib.import_module(module), last, None)
+        faults += listed_faults(name, one) if inspect.isfunction(one) else []
+    assert not faults, "\n".join(faults)
+
+
+def test_a_missing_section_is_noticed() -> None:
+    def half(scene: str, pixels: int) -> int:
+        """Traces.
+
+        Args:
+            scene: a name.
+        """
+        return pixels
+
+    assert listed_faults("half", half) == ["half: Args lack pixels", "half: no Returns"]
 
 
 def test_the_pages_name_what_is_there() -> None:

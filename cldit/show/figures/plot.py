@@ -65,6 +65,9 @@ def plot(
             for `cldit.show.figures.maps.map_figure`; of `profile` start_m and angle_deg, as for
             `cldit.dit.profile.profile_of`.
 
+    Returns:
+        A matplotlib figure of print size; that of `ax`, if it is given.
+
     Raises:
         EvaluationError: there is no such figure of it.
     """

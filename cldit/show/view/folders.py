@@ -33,6 +33,9 @@ def view_items(folders: Iterable[str | Path]) -> tuple[Item, ...]:
         folders: runs, evaluated acquisitions or measured data, or series, which are folders of run
             folders; these are sorted by the time of their sprays.
 
+    Returns:
+        Items for `save_page`.
+
     Raises:
         RunFolderError: a folder is none of these, is not finished, or is damaged.
         ClditError: measured data are not valid.

@@ -98,6 +98,10 @@ def page_html(items: Sequence[Item]) -> str:
 def save_page(path: Path, items: Sequence[Item]) -> None:
     """Writes the page of `items` to `path`; the file appears whole or not at all.
 
+    Args:
+        path: .html file.
+        items: runs and recordings, as of `view_items`.
+
     Raises:
         DiskFull, FileError: the file cannot be written.
     """

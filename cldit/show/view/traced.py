@@ -36,7 +36,15 @@ _SHARE_KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # those of `Quadrature.shares`
 
 
 def traced_item(run: Run, *, source: str) -> Item:
-    """Item of a run for the page; `source` names its scene in commands."""
+    """Item of a run for the page; `source` names its scene in commands.
+
+    Args:
+        run: a run.
+        source: name of its scene in commands.
+
+    Returns:
+        Item for `save_page`.
+    """
     scene = run.scene
     stack = _Stack(run)
     x, _, z = scene.target_m
