@@ -106,9 +106,9 @@ def imports(say: Say, large: tuple[Large, ...] = CASES) -> Part:
         tables=(Table.of(_HEAD, rows),),
         data=data,
         text=(
-            "Peak resident memory (VmHWM) and CPU seconds of a process of its own: vtk's reader of "
-            "the same files, `cldit import CASE`, and the same with `--out`. Expected: the memory "
-            "that cldit estimates before it reads; it refuses if less is free.",
+            "Peak resident memory and CPU seconds of vtk's reader, of `cldit import CASE`, and of "
+            "the same with `--out`. Expected: the memory that cldit estimates before it reads; it "
+            "refuses if less is free.",
         ),
     )
 

@@ -1,10 +1,11 @@
-"""Counts of what a user may have to learn: commands, their options, keys of scenes.
+"""Counts of what a user may have to learn: commands, their options, keys of scenes, docs to read.
 
 The limits only fall. `python tests/unit/cli/test_words.py` prints the counts.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -17,7 +18,9 @@ from cldit.cli import main
 COMMANDS = 14
 OPTIONS = 102
 KEYS = 258
-_PAGE = Path(__file__).parents[3] / "docs" / "scene-reference.md"
+WORDS = 45500
+_DOCS = Path(__file__).parents[3] / "docs"
+_PAGE = _DOCS / "scene-reference.md"
 _OLD = {
     "repeat": ("RUN", "cldit compare RUN --repeat"),
     "diff": ("A", "cldit compare"),
@@ -44,11 +47,19 @@ def keys() -> int:
     return _PAGE.read_text(encoding="utf-8").count("\n- `")
 
 
+def words() -> int:
+    """Words of README and docs as `wc -w` counts them, without blocks of code."""
+    pages = [_DOCS.parent / "README.md", *_DOCS.rglob("*.md")]
+    texts = (page.read_text(encoding="utf-8") for page in pages)
+    return sum(len(re.sub(r"(?ms)^```.*?^```$", "", text).split()) for text in texts)
+
+
 def test_no_more_words() -> None:
     commands = listed()
     assert len(commands) <= COMMANDS
     assert sum(map(len, commands.values())) <= OPTIONS
     assert keys() <= KEYS
+    assert words() <= WORDS
 
 
 @pytest.mark.parametrize("name", sorted(_OLD))
@@ -104,6 +115,7 @@ def test_options_of_another_use_are_refused(words: list[str]) -> None:
 if __name__ == "__main__":
     commands = listed()
     sys.stdout.write(f"{len(commands)} commands, {sum(map(len, commands.values()))} options ")
-    sys.stdout.write(f"({len(set().union(*commands.values()))} names), {keys()} keys\n")
+    sys.stdout.write(f"({len(set().union(*commands.values()))} names), {keys()} keys, ")
+    sys.stdout.write(f"{words()} words of docs\n")
     for name, options in commands.items():
         sys.stdout.write(f"{name} {len(options)}: {' '.join(options)}\n")
