@@ -43,7 +43,7 @@ def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
     blurred = PointSpread.of(seen, radii_m)(image.weights)
     temperature = temperature_of(scene, prepared)
     both = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
-    how = f"a pinhole's image against one blurred as by f/{camera.f_number:g} and by diffraction"
+    how = f"a pinhole's image against one blurred by f/{camera.sensor.f_number:g} and diffraction"
     spread = Estimate.of("lens", both, f"{how}; camera.lens traces it", "")
     return (spread.stated(temperature.per_emissivity_K),)
 

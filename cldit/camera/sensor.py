@@ -67,7 +67,7 @@ class SensorModel:
             filter_um=scene_filter(scene),
             pixels=sensor.pixels,
             pitch_m=sensor.pitch_m,
-            f_number=scene.camera.f_number,
+            f_number=scene.camera.sensor.f_number,
             quantum_efficiency=efficiency if isinstance(efficiency, float) else 1.0,
             integration_time_s=integration_time_s
             or sensor.integration_time_s

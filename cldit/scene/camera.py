@@ -4,12 +4,12 @@ The sensor's defaults are assumptions, typical of a cooled 640 x 512 InSb camera
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import field_validator, model_validator
 
-from cldit.scene.checks import Section, Within
+from cldit.scene.checks import Former, Section, Within
 from cldit.scene.values import (
     Length,
     Pixels,
@@ -58,8 +58,8 @@ def square_pixel_m(field_m: tuple[float, float], pixels: tuple[int, int]) -> flo
 class Lens(Section):
     """Lens of finite aperture: what is out of focus is blurred."""
 
-    f_number: Annotated[float, Within(0.5, 1e6)] | None = None
-    """f-number. Default: that of the sensor."""
+    _former: ClassVar[Former] = {"f_number": (None, "use camera.sensor.f_number")}
+
     focal_length_m: Annotated[float, Within(1e-4, 10.0)] | None = None
     """Focal length. Default: the one that images the field of view onto the sensor."""
     focus_m: Length | None = None
@@ -111,7 +111,7 @@ class Camera(Section):
     exposure_times: Literal[3, 5, 7, 9] = 3
     """Number of sprays of `exposure: times`, each solved."""
     lens: Lens | None = None
-    """Aperture of the lens. Default: none, a pinhole, with everything in focus."""
+    """Lens of the sensor's f-number. Default: none, a pinhole, with everything in focus."""
 
     @field_validator("pixels", mode="before", json_schema_input_type=Pixels | tuple[Pixels, Pixels])
     @classmethod
@@ -157,11 +157,6 @@ class Camera(Section):
         return square_pixel_m(self.field_m, self.sensor.pixels)
 
     @property
-    def f_number(self) -> float:
-        """f-number of the lens, or of the sensor's section."""
-        return (self.lens and self.lens.f_number) or self.sensor.f_number
-
-    @property
     def focus_m(self) -> float:
         """Distance from the camera to the plane in focus."""
         return (self.lens and self.lens.focus_m) or self.distance_m
@@ -176,7 +171,7 @@ class Camera(Section):
     @property
     def aperture_m(self) -> float:
         """Diameter of the lens' aperture; 0 for a pinhole."""
-        return 0.0 if self.lens is None else self.focal_length_m / self.f_number
+        return 0.0 if self.lens is None else self.focal_length_m / self.sensor.f_number
 
     @property
     def spread_step_m(self) -> float:
@@ -190,8 +185,8 @@ class Camera(Section):
         if self.lens is None:
             return f"none ({self.model})"
         return (
-            f"f/{self.f_number:g}, focal length {1e3 * self.focal_length_m:.4g} mm, in focus at "
-            f"{self.focus_m:g} m"
+            f"f/{self.sensor.f_number:g}, focal length {1e3 * self.focal_length_m:.4g} mm, "
+            f"in focus at {self.focus_m:g} m"
         )
 
     @property

@@ -8,7 +8,7 @@ from cldit.camera.calibration import Calibration
 from cldit.camera.sensor import SensorModel
 from cldit.errors import EvaluationError, SceneError, TransportError
 from cldit.optics.planck import band_radiance
-from cldit.scene.camera import Camera, Lens, Sensor
+from cldit.scene.camera import Camera, Sensor
 from cldit.scene.schema import Scene
 from cldit.scene.spray import EmptySpray
 
@@ -48,12 +48,6 @@ def test_mean_and_variance_are_the_calibrations(electrons: float) -> None:
     # The mean also inverts: radiance -> counts -> radiance
     np.testing.assert_allclose(calibration.radiance(calibration.counts(radiance)), radiance)
     np.testing.assert_allclose(calibration.counts(radiance), mean)
-
-
-def test_the_f_number_of_the_lens_is_the_sensors() -> None:
-    scene = Scene(name="t", spray=EmptySpray(), camera=Camera(lens=Lens(f_number=5.0)))
-    light = SensorModel.from_scene(scene).electrons_per_radiance
-    assert light == pytest.approx(_model(f_number=5.0).electrons_per_radiance)
 
 
 def test_few_photons_are_poisson() -> None:

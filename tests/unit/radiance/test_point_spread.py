@@ -21,12 +21,13 @@ PITCH_M = FIELD_M / PIXELS
 WAVELENGTH_M = 3.4e-6
 
 
-def scene(**lens: Any) -> Scene:
+def scene(*, f_number: float = 2.5, **lens: Any) -> Scene:
+    camera = {"field_m": [FIELD_M, FIELD_M], "pixels": PIXELS, "lens": lens}
     return cldit.Scene.from_dict(
         {
             "name": "lens",
             "spray": {"model": "none"},
-            "camera": {"field_m": [FIELD_M, FIELD_M], "pixels": PIXELS, "lens": lens},
+            "camera": {**camera, "sensor": {"f_number": f_number}},
             "optics": {"filter_um": [3.39, 3.41]},
         }
     )

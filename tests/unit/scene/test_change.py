@@ -66,7 +66,7 @@ def test_sections_are_made_and_lists_counted() -> None:
     [
         ("walls.temprature_K", "did you mean temperature_K?"),
         ("wals.temperature_K", "did you mean walls?"),
-        ("camera.f_number", "did you mean camera.sensor.f_number or camera.lens.f_number?"),
+        ("camera.f_number", "did you mean camera.sensor.f_number?"),
         ("accuracy", "did you mean transport.accuracy_K"),
     ],
 )
