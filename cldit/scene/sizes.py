@@ -1,20 +1,15 @@
 """Droplet size distributions of a scene."""
 
 from itertools import pairwise
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import Discriminator, Tag, model_validator
 
-from cldit.scene.checks import Former, Section, Within
+from cldit.scene.checks import Section, Within
 
 
 class NukiyamaTanasawa(Section):
     """Nukiyama-Tanasawa distribution, f(D) ~ D^p exp(-(D/m)^n), paper Eq. (5)."""
-
-    _former: ClassVar[Former] = {  # of a log-normal distribution
-        "median_um": (None, "use edges_um and number, a histogram"),
-        "sigma": (None, "use edges_um and number, a histogram"),
-    }
 
     m_um: Annotated[float, Within(1e-3, 1e3)] = 1.5
     """Scale parameter m."""
@@ -29,6 +24,15 @@ class Monodisperse(Section):
 
     diameter_um: Annotated[float, Within(1e-2, 5e3)]
     """Diameter of every droplet."""
+
+
+class LogNormal(Section):
+    """Log-normal distribution of the number of droplets over the diameter."""
+
+    median_um: Annotated[float, Within(1e-3, 1e3)]
+    """Median diameter by number."""
+    sigma: Annotated[float, Within(1.001, 10.0)]
+    """Geometric standard deviation."""
 
 
 class RosinRammler(Section):
@@ -64,6 +68,7 @@ class Histogram(Section):
 
 _KINDS: dict[str, type[Section]] = {  # by a key that only one of them has
     "diameter_um": Monodisperse,
+    "median_um": LogNormal,
     "d_um": RosinRammler,
     "edges_um": Histogram,
 }
@@ -80,14 +85,15 @@ def _distribution(value: object) -> str | None:
 Droplets = Annotated[
     Annotated[NukiyamaTanasawa, Tag("NukiyamaTanasawa")]
     | Annotated[Monodisperse, Tag("Monodisperse")]
+    | Annotated[LogNormal, Tag("LogNormal")]
     | Annotated[RosinRammler, Tag("RosinRammler")]
     | Annotated[Histogram, Tag("Histogram")],
     Discriminator(
         _distribution,
         custom_error_type="not_allowed",
         custom_error_message=(
-            "is no size distribution; allowed: {m_um, n, p}, {diameter_um}, {d_um, q}, "
-            "{edges_um, number} or null"
+            "is no size distribution; allowed: {m_um, n, p}, {diameter_um}, {median_um, sigma}, "
+            "{d_um, q}, {edges_um, number} or null"
         ),
     ),
 ]

@@ -12,13 +12,13 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import gammainc, gammaincinv, gammaln
+from scipy.special import gammainc, gammaincinv, gammaln, ndtr, ndtri
 
 from cldit.arrays import Floats
 from cldit.errors import SprayError
-from cldit.scene.sizes import Histogram, Monodisperse, NukiyamaTanasawa, RosinRammler
+from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 
-Sizes = NukiyamaTanasawa | Monodisperse | RosinRammler | Histogram
+Sizes = NukiyamaTanasawa | Monodisperse | LogNormal | RosinRammler | Histogram
 Weight = Literal["number", "mass"]
 
 _POWER = {"number": 0, "mass": 3}
@@ -40,6 +40,9 @@ def mean_diameter_m(sizes: Sizes, high: int, low: int) -> float:
 
 def _log_moments(sizes: Sizes, orders: Floats) -> tuple[float, Floats]:
     """Length scale, and ln <(D / length)^order>, up to a constant."""
+    if isinstance(sizes, LogNormal):
+        spread = np.log(sizes.sigma)
+        return sizes.median_um * 1e-6, 0.5 * (orders * spread) ** 2
     if isinstance(sizes, Histogram):
         scale = sizes.edges_um[-1]
         edges = np.array(sizes.edges_um) / scale
@@ -66,6 +69,10 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
     shares = np.asarray(share, dtype=float)
     if isinstance(sizes, Monodisperse):
         return np.full(shares.shape, sizes.diameter_um * 1e-6)
+    if isinstance(sizes, LogNormal):
+        spread = np.log(sizes.sigma)
+        shift = _POWER[by] * spread**2
+        return np.asarray(sizes.median_um * 1e-6 * np.exp(shift + spread * ndtri(shares)))
     if isinstance(sizes, Histogram):
         edges, below = _running(sizes, _POWER[by])
         power = _POWER[by] + 1
@@ -87,6 +94,12 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
     edges = np.linspace(0.0, 1.0, count + 1)
     if isinstance(sizes, Monodisperse):
         return np.full(count, sizes.diameter_um * 1e-6)
+    if isinstance(sizes, LogNormal):
+        # 1/D times the mass is again log-normal in D, with its median one sigma^2 lower.
+        spread = np.log(sizes.sigma)
+        surface = ndtr(ndtri(edges) + spread)
+        d32 = sizes.median_um * 1e-6 * np.exp(2.5 * spread**2)
+        return np.asarray(d32 / (count * np.diff(surface)))
     if isinstance(sizes, Histogram):
         bounds = quantile_m(sizes, edges, by="mass") * 1e6
         corners, surface = _running(sizes, 2)
@@ -118,6 +131,12 @@ def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
             np.asarray(np.where(inside, number[cell], 0.0) * (d * 1e6) ** power / below[-1]) * 1e6
         )
     with np.errstate(divide="ignore", under="ignore"):
+        if isinstance(sizes, LogNormal):
+            spread = np.log(sizes.sigma)
+            middle = np.log(sizes.median_um * 1e-6) + power * spread**2
+            deviation = (np.log(d) - middle) / spread
+            density = np.exp(-0.5 * deviation**2) / (d * spread * np.sqrt(2 * np.pi))
+            return np.asarray(np.where(d > 0, density, 0.0))
         m_um, n, p = _gamma(sizes)
         shape = (p + 1 + power) / n
         if shape <= 0:

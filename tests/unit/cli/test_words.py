@@ -17,7 +17,7 @@ from cldit.cli import main
 
 COMMANDS = 14
 OPTIONS = 102
-KEYS = 257
+KEYS = 259
 WORDS = 45500
 _DOCS = Path(__file__).parents[3] / "docs"
 _PAGE = _DOCS / "scene-reference.md"

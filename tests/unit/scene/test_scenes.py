@@ -15,7 +15,7 @@ from cldit.io.plain_data import parse_yaml
 from cldit.optics.liquid import liquid
 from cldit.optics.vapour import vapour_band
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
-from cldit.scene.sizes import Histogram, Monodisperse, NukiyamaTanasawa, RosinRammler
+from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 from cldit.scene.spray import ConeSpray
 
 SHIPPED = (
@@ -96,6 +96,7 @@ def test_extinction_is_seen_where_vapour_is_transparent() -> None:
     [
         ({"diameter_um": 9.0}, Monodisperse),
         ({"m_um": 3.21, "n": 1.28822, "p": 2.0}, NukiyamaTanasawa),
+        ({"median_um": 6.0, "sigma": 1.6}, LogNormal),
         ({"d_um": 10.0, "q": 1.8}, RosinRammler),
         ({"edges_um": [0.0, 4.0, 8.0], "number": [3.0, 0.0]}, Histogram),
         ({}, NukiyamaTanasawa),
@@ -205,11 +206,7 @@ def test_sizes_as_objects() -> None:
         (
             {"spray": {"model": "cone", "droplets": 9}},
             "spray.droplets: is no size distribution; allowed: {m_um, n, p}, {diameter_um}, "
-            "{d_um, q}, {edges_um, number} or null",
-        ),
-        (
-            {"spray": {"model": "cone", "droplets": {"median_um": 6, "sigma": 1.4}}},
-            "spray.droplets: median_um: no key of this version; use edges_um and number",
+            "{median_um, sigma}, {d_um, q}, {edges_um, number} or null",
         ),
         (
             {"spray": {"model": "lagrangian", "box": {"width_m": 0.08}}},

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.special import gamma
 
 from cldit.errors import SprayError
-from cldit.scene.sizes import Histogram, Monodisperse, NukiyamaTanasawa, RosinRammler
+from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 from cldit.spray.sizes import Sizes, density_per_m, mean_diameter_m, quantile_m, strata_m
 
 # The paper's Fig. 4. It rounds n: with 1.28822 and 0.86420 all its entries come out.
@@ -27,6 +27,7 @@ PRINTED: list[tuple[Sizes, float, float]] = [
 # Counted at a lens, say: one bin is empty, the first begins at 0.
 COUNTED = Histogram(edges_um=(0.0, 4.0, 8.0, 10.0, 20.0), number=(50.0, 80.0, 0.0, 7.0))
 OTHERS: list[Sizes] = [
+    LogNormal(median_um=6.0, sigma=1.6),
     RosinRammler(d_um=10.0, q=5.0),
     RosinRammler(d_um=10.0, q=1.8),
     COUNTED,
@@ -125,9 +126,13 @@ def test_density_quantiles_and_moments_are_one_distribution(sizes: Sizes, by: st
 
 
 def test_published_moments() -> None:
-    """Rosin-Rammler: D32 = d / G(1-1/q), mass median d (ln 2)^(1/q) (Lefebvre)."""
-    assert mean_diameter_m(OTHERS[1], 3, 2) == pytest.approx(10e-6 / gamma(1 - 1 / 1.8))
-    assert quantile_m(OTHERS[1], 0.5, by="mass") == pytest.approx(10e-6 * np.log(2) ** (1 / 1.8))
+    """Log-normal: D32 = median exp(2.5 s^2) (Hatch and Choate). Rosin-Rammler: D32 = d / G(1-1/q)
+    and mass median d (ln 2)^(1/q) (Lefebvre)."""
+    spread = np.log(1.6)
+    assert mean_diameter_m(OTHERS[0], 3, 2) == pytest.approx(6e-6 * np.exp(2.5 * spread**2))
+    assert mean_diameter_m(OTHERS[0], 1, 0) == pytest.approx(6e-6 * np.exp(0.5 * spread**2))
+    assert mean_diameter_m(OTHERS[2], 3, 2) == pytest.approx(10e-6 / gamma(1 - 1 / 1.8))
+    assert quantile_m(OTHERS[2], 0.5, by="mass") == pytest.approx(10e-6 * np.log(2) ** (1 / 1.8))
 
 
 def test_histogram_by_hand() -> None:
