@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from cldit.arrays import Floats, Ints
@@ -56,15 +55,6 @@ class Lattice:
             shares=(parts[0][1], parts[1][1], parts[2][1]),
             first=(parts[0][0], parts[1][0], parts[2][0]),
         )
-
-    def cells(self) -> NDArray[np.signedinteger] | None:
-        """Cell (N, 3; x, y, z) of each box; None if a box is in several cells."""
-        within = [share.tocsc() for share in self.shares]
-        if any(share.nnz > share.shape[1] for share in within):
-            return None
-        places = reversed(np.unravel_index(self.place, self.shape))
-        along = zip(self.first, within, places, strict=True)
-        return np.stack([begin + share.indices[place] for begin, share, place in along]).T
 
     def layers(self, amounts: list[Floats]) -> Iterator[tuple[int, list[Floats]]]:
         """Yields the z of each layer of cells and the sums [y, x] of each amount (N,) in it.
