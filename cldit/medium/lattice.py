@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
+import scipy
 
 from cldit.arrays import Floats, Ints
 
@@ -26,7 +26,7 @@ class Lattice:
 
     place: Ints
     shape: tuple[int, int, int]
-    shares: tuple[csr_array, csr_array, csr_array]
+    shares: "tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, scipy.sparse.csr_array]"
     first: tuple[int, int, int]
 
     @classmethod
@@ -89,7 +89,7 @@ class Lattice:
             yield self.first[2] + cell, totals
 
 
-def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:
+def _axis(origin: float, spacing: float, count: int) -> "tuple[int, scipy.sparse.csr_array]":
     """First touched cell, and the shares of `count` intervals in the cells from there on."""
     low = origin + spacing * np.arange(count)
     high = low + spacing
@@ -101,5 +101,5 @@ def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:
     cell = (start[:, None] + np.arange(reach)).ravel()
     share = np.minimum(high[point], begin + cell + 1.0) - np.maximum(low[point], begin + cell)
     keep = (share > _SLIVER) & (cell < cells)
-    matrix = csr_array((share[keep], (cell[keep], point[keep])), shape=(cells, count))
-    return begin, csr_array(matrix / np.asarray(matrix.sum(axis=0))[None, :])
+    matrix = scipy.sparse.csr_array((share[keep], (cell[keep], point[keep])), shape=(cells, count))
+    return begin, scipy.sparse.csr_array(matrix / np.asarray(matrix.sum(axis=0))[None, :])
