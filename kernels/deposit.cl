@@ -115,7 +115,7 @@ INLINE Row row_of(__global const real *cloud, const Layer *layer, int y)
 }
 
 #define LISTS \
-    const int items, __global const int *restrict begins, /* of each work-item's layers; the end */ \
+    const int zs, __global const int *restrict begins, /* of each work-item's layers; the end */ \
     __global const int *restrict numbers, __global const int *restrict layers, /* cloud, z */ \
     __global const int4 *restrict cells_of, /* of each cloud, x y z */ \
     __global const real *restrict shapes, const int cells /* along an edge */
@@ -154,7 +154,7 @@ INLINE void add_row(
 /* For each row of the work-item's layers: `each` with the cloud's number, the row, and its cell, of
    which y and z are the row's and x the cloud's. */
 #define FOR_ROWS(each) \
-    if (get_global_id(0) >= items) return; \
+    if (get_global_id(0) >= zs) return; \
     const int end = begins[get_global_id(0) + 1]; \
     for (int i = begins[get_global_id(0)]; i < end; ++i) { \
         const int number = numbers[i]; \
@@ -186,31 +186,50 @@ __kernel void deposit(
         &row, cell, cells, bricks, directory, units + (size_t)number * kinds, kinds, sums))
 }
 
-/* Boxes: a work-item has one layer of one box. Cells of a box are counted from its first; `within_box`:
-   its lower and upper corner there, x y z. */
+/* Boxes, of which work-items (box, lane) have every lanes-th layer. `corners`: (6, boxes), lower and upper
+   corner along x, y, z, in units of which a cell has 1 << shift (cldit/medium/corners.py). A box does not
+   touch a cell that it reaches by `slack` or less. */
 #define BOXES \
-    const int items, __global const int *restrict numbers, __global const int *restrict layers, /* box, z */ \
-    __global const int4 *restrict first_of, __global const int4 *restrict count_of, \
-    __global const real *restrict within_box, const int cells
+    const int boxes, __global const uint *restrict corners, const int shift, const uint slack, \
+    const int cells
 
-/* Share of a box from `low` to `high`, of `count` cells, in cell i; the outermost take the rest. */
-INLINE real overlap(real low, real high, int i, int count)
+/* A box along an axis: its ends, its first and its last cell. */
+typedef struct {
+    uint low, high;
+    int first, last;
+} Span;
+
+INLINE Span span_of(
+    __global const uint *corners, int boxes, int box, int axis, int shift, uint slack, int cells)
 {
-    const real from = i == 0 ? low : most(low, (real)i);
-    const real upto = i == count - 1 ? high : least(high, (real)(i + 1));
-    return (upto - from) / (high - low);
+    Span span;
+    span.low = corners[(size_t)axis * boxes + box];
+    span.high = corners[(size_t)(axis + 3) * boxes + box];
+    span.first = min((int)((span.low + slack) >> shift), cells - 1);
+    span.last = within((int)((max(span.high, slack + 1) - (slack + 1)) >> shift), span.first, cells - 1);
+    return span;
 }
+
+/* Share of a box in cell i of an axis; the outermost cells take the rest. */
+INLINE real overlap(const Span *span, int i, int shift)
+{
+    const uint from = i == span->first ? span->low : (uint)i << shift;
+    const uint upto = i == span->last ? span->high : (uint)(i + 1) << shift;
+    return (real)(upto - from) / (real)(span->high - span->low);
+}
+
+#define SPAN(axis) span_of(corners, boxes, box, axis, shift, slack, cells)
 
 /* Sets the bricks (bricks^3) that boxes touch. */
 __kernel void mark_boxes(BOXES, const int bricks, __global uchar *mark)
 {
-    const int i = get_global_id(0);
-    if (i >= items) return;
-    const int4 first = first_of[numbers[i]], count = count_of[numbers[i]];
-    const int z = (first.z + layers[i]) / BRICK;
-    for (int y = first.y / BRICK; y <= (first.y + count.y - 1) / BRICK; ++y)
-        for (int x = first.x / BRICK; x <= (first.x + count.x - 1) / BRICK; ++x)
-            mark[((size_t)z * bricks + y) * bricks + x] = 1;
+    const int box = get_global_id(0);
+    if (box >= boxes) return;
+    const Span along_x = SPAN(0), along_y = SPAN(1), along_z = SPAN(2);
+    for (int z = along_z.first / BRICK + get_global_id(1); z <= along_z.last / BRICK; z += get_global_size(1))
+        for (int y = along_y.first / BRICK; y <= along_y.last / BRICK; ++y)
+            for (int x = along_x.first / BRICK; x <= along_x.last / BRICK; ++x)
+                mark[((size_t)z * bricks + y) * bricks + x] = 1;
 }
 
 /* Adds the units of each box, `kinds` a box, uniformly over it, to those of the stored cells. */
@@ -218,25 +237,22 @@ __kernel void deposit_boxes(
     BOXES, const int bricks, __global const int *restrict directory,
     __global const real *restrict units, const int kinds, __global long *sums)
 {
-    const int i = get_global_id(0);
-    if (i >= items) return;
-    const int number = numbers[i];
-    const int4 first = first_of[number], count = count_of[number];
-    __global const real *low = within_box + (size_t)number * 6, *high = low + 3;
-    __global const real *amount = units + (size_t)number * kinds;
-    const real share_z = overlap(low[2], high[2], layers[i], count.z);
-    const int z = first.z + layers[i];
-    for (int dy = 0; dy < count.y; ++dy) {
-        const real share_y = share_z * overlap(low[1], high[1], dy, count.y);
-        const int y = first.y + dy;
-        __global const int *slots = directory + ((size_t)(z / BRICK) * bricks + y / BRICK) * bricks;
-        const int line = (z % BRICK * BRICK + y % BRICK) * BRICK;
-        for (int dx = 0; dx < count.x; ++dx) {
-            const real share = share_y * overlap(low[0], high[0], dx, count.x);
-            const int x = first.x + dx;
-            __global long *sum = sums
-                + ((size_t)slots[x / BRICK] * (BRICK * BRICK * BRICK) + line + x % BRICK) * kinds;
-            for (int k = 0; k < kinds; ++k) add_units(sum + k, to_fixed(share * amount[k], R(1)));
+    const int box = get_global_id(0);
+    if (box >= boxes) return;
+    const Span along_x = SPAN(0), along_y = SPAN(1), along_z = SPAN(2);
+    __global const real *amount = units + (size_t)box * kinds;
+    for (int z = along_z.first + get_global_id(1); z <= along_z.last; z += get_global_size(1)) {
+        const real share_z = overlap(&along_z, z, shift);
+        for (int y = along_y.first; y <= along_y.last; ++y) {
+            const real share_y = share_z * overlap(&along_y, y, shift);
+            __global const int *slots = directory + ((size_t)(z / BRICK) * bricks + y / BRICK) * bricks;
+            const int line = (z % BRICK * BRICK + y % BRICK) * BRICK;
+            for (int x = along_x.first; x <= along_x.last; ++x) {
+                const real share = share_y * overlap(&along_x, x, shift);
+                __global long *sum = sums
+                    + ((size_t)slots[x / BRICK] * (BRICK * BRICK * BRICK) + line + x % BRICK) * kinds;
+                for (int k = 0; k < kinds; ++k) add_units(sum + k, to_fixed(share * amount[k], R(1)));
+            }
         }
     }
 }

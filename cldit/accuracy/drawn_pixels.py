@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 from cldit.arrays import Floats, Ints, Mask
 from cldit.optics.visible import VISIBLE_EMISSIVITY
@@ -44,7 +44,7 @@ class DrawnPixels:
         that of a coarse image of the same field.
         """
         rows, columns = sees_background.shape
-        near = maximum_filter(emissivity, 3) > _LIKELY * VISIBLE_EMISSIVITY
+        near = scipy.ndimage.maximum_filter(emissivity, 3) > _LIKELY * VISIBLE_EMISSIVITY
         down, across = (
             np.arange(count) * few // count
             for count, few in zip((rows, columns), near.shape, strict=True)

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from cldit.arrays import Floats, Mask
 
@@ -64,7 +64,7 @@ def _nearby(difference: Floats, counted: Mask) -> Floats | None:
     width = max(3, round(_NEARBY * max(counted.shape)))
     weight, square = known.astype(float), np.where(known, np.nan_to_num(difference) ** 2, 0.0)
     for _ in range(3):  # three means in squares weigh nearly as a round Gaussian
-        weight, square = uniform_filter(weight, width), uniform_filter(square, width)
+        weight, square = (scipy.ndimage.uniform_filter(x, width) for x in (weight, square))
     mean = float(np.mean(difference[known] ** 2))
     local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
     return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0

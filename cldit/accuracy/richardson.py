@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from scipy.optimize import brentq
+import scipy
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
@@ -68,7 +68,7 @@ class RichardsonEstimate:
             elif -1e-6 * ratio <= above(high) <= 0.0:
                 order, shown = high, True
             elif above(low) < 0.0 < above(high):
-                order, shown = float(brentq(above, low, high, xtol=1e-6)), True
+                order, shown = float(scipy.optimize.brentq(above, low, high, xtol=1e-6)), True
         found = last.times(1.0 / (once**order - 1.0))
         return cls(order, found, (1.0, once, twice), bound_K, shown)
 

@@ -10,8 +10,8 @@ fitted, so three backgrounds suffice, and extrapolation follows Planck's law.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from cldit.arrays import Floats
 from cldit.errors import EvaluationError
@@ -109,7 +109,7 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
     def residuals(free: Floats) -> Floats:
         return line(float(free[0]))[0]
 
-    solution = least_squares(
+    solution = scipy.optimize.least_squares(
         residuals,
         [1.0],
         bounds=([1.0 - _FARTHEST], [1.0 + _FARTHEST]),

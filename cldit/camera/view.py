@@ -5,8 +5,8 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from cldit.errors import TransportError
 from cldit.scene.camera import square_pixel_m
@@ -14,7 +14,7 @@ from cldit.scene.schema import Scene
 
 
 @lru_cache(maxsize=16)
-def overlap_matrix(count_in: int, count_out: int, share: float) -> csr_array:
+def overlap_matrix(count_in: int, count_out: int, share: float) -> "scipy.sparse.csr_array":
     """Matrix (count_out, count_in) of area means over equal pixels; rows sum to 1.
 
     The output covers the central `share` (0..1) of the input's length.
@@ -30,7 +30,7 @@ def overlap_matrix(count_in: int, count_out: int, share: float) -> csr_array:
         rows += [row] * inside.size
         columns += inside.tolist()
         values += (overlap / overlap.sum()).tolist()
-    return csr_array((values, (rows, columns)), shape=(count_out, count_in))
+    return scipy.sparse.csr_array((values, (rows, columns)), shape=(count_out, count_in))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,7 +39,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+import scipy
 
 from cldit.arrays import Floats, Mask
 
@@ -401,7 +401,9 @@ def shot_scatter(
 
     def nearby(values: Floats) -> Floats:
         """Mean over the neighbourhood of each pixel."""
-        return np.asarray(uniform_filter(values.reshape(shape), _NEARBY).reshape(values.shape))
+        return np.asarray(
+            scipy.ndimage.uniform_filter(values.reshape(shape), _NEARBY).reshape(values.shape)
+        )
 
     square = change**2
     scaled = square / max(float(square.max(initial=0.0)), np.finfo(float).tiny)

@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
@@ -429,7 +429,7 @@ def _maps(
     spare = seen & (degrees > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         reduced = np.where(spare, lines.chi2 / degrees, np.nan)
-        chance = np.where(spare, chdtrc(np.maximum(degrees, 1), lines.chi2), np.nan)
+        chance = np.where(spare, scipy.special.chdtrc(np.maximum(degrees, 1), lines.chi2), np.nan)
 
     covariance = np.einsum(
         "ni,nij,nj->n", emissivity_gradient(lines), lines.covariance, radiance_gradient(lines)

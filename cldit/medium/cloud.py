@@ -13,7 +13,7 @@ and temperatures of the droplets do not change; nothing is random.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from cldit.arrays import Floats
 from cldit.errors import MediumError
@@ -74,7 +74,7 @@ class Kernel:
         """New position (N, 3) of each place (N, 3), and its covariance (N, 3, 3)."""
         count = min(self.neighbours, len(places))
         limit = _WIDEST**2 * float(places.var(axis=0).sum())
-        tree = cKDTree(places)
+        tree = scipy.spatial.cKDTree(places)
         moved, covariance = np.empty_like(places), np.empty((len(places), 3, 3))
         for start in range(0, len(places), _AT_ONCE):
             part = slice(start, start + _AT_ONCE)

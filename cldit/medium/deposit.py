@@ -1,22 +1,21 @@
 """Conservative deposition of parcels and gas cells in bricks of finest cells."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Ints, Mask, kept
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
+from cldit.medium.corners import BITS, Corners, refuse
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
-from cldit.medium.lattice import Lattice
-from cldit.medium.rasterise import BoxRasteriser, CloudRasteriser
+from cldit.medium.rasterise import FACE, BoxRasteriser, CloudRasteriser, Rasteriser, deposit_program
 from cldit.spray.extent import Box, Extent
 
 _PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposition: about 60 bytes a pair
-_OUTSIDE = 1e-9  # share of a box that may be outside the cube: rounding of its corners
 
 
 @dataclass(frozen=True)
@@ -46,64 +45,26 @@ def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, content
     outside = np.any((place < 0) | (place > frame.cells), axis=1) & (amount > 0)
     if np.any(outside):
         share = float(amount[outside].sum() / amount.sum())
-        _refuse(
-            frame, content, share, position_m[outside].min(axis=0), position_m[outside].max(axis=0)
-        )
+        refuse(frame, content, share, position_m[outside])
     return np.clip(np.floor(place).astype(np.int64), 0, frame.cells - 1)
-
-
-def _refuse(frame: Frame, content: str, share: float, low: Floats, high: Floats) -> None:
-    corner = np.asarray(frame.lower_m)
-    raise MediumError(
-        f"{100 * share:.3g} % of the {content} is outside the domain: at "
-        f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m; the cube reaches from "
-        f"{np.round(corner, 4).tolist()} to {np.round(corner + frame.edge_m, 4).tolist()} m; "
-        "enlarge domain.edge_m or move domain.centre_m"
-    )
 
 
 @dataclass(frozen=True)
 class PlacedBoxes:
-    """Axis-aligned boxes in units of finest cells, lower and upper (N, 3).
+    """Axis-aligned boxes in units of finest cells, lower and upper (N, 3), without a device.
 
     shared: (N,) first of the amounts that belong to each box; None: one amount for each box.
-    device: which rasterises them among the `cells` along an edge of the cube; None: NumPy does.
     """
 
     lower: Floats
     upper: Floats
     shared: Ints | None = None
-    cells: int = 0
-    device: Device | None = None
-
-    @classmethod
-    def place(
-        cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, content: str, device: Device | None
-    ) -> "PlacedBoxes":
-        """Boxes (N, 3) in the cube.
-
-        Raises MediumError, which names `content`, if a box reaches out of the cube.
-        """
-        lower, upper = frame.to_cells(lower_m), frame.to_cells(upper_m)
-        slack = _OUTSIDE * frame.cells + _OUTSIDE * np.abs(lower).max(initial=0.0)
-        if (lower < -slack).any() or (upper > frame.cells + slack).any():
-            outside = np.any((lower < -slack) | (upper > frame.cells + slack), axis=1)
-            _refuse(
-                frame,
-                f"{content} (cells)",
-                float(np.mean(outside)),
-                lower_m[outside].min(axis=0),
-                upper_m[outside].max(axis=0),
-            )
-        for corner in (lower, upper):
-            np.clip(corner, 0, frame.cells, out=corner)
-        return cls(lower, upper, None, frame.cells, device)
 
     def span(self) -> tuple[Ints, Ints]:
         """First finest cell and number of finest cells that each box touches, (N, 3) both."""
         # A face on a cell face, to within rounding, does not touch the cell beyond it.
-        begin = np.floor(self.lower + 1e-6).astype(np.int64)
-        end = np.ceil(self.upper - 1e-6).astype(np.int64)
+        begin = np.floor(self.lower + FACE).astype(np.int64)
+        end = np.ceil(self.upper - FACE).astype(np.int64)
         return begin, np.maximum(end - begin, 1)
 
     def overlaps(self) -> Iterator[tuple[Ints, Ints, Floats]]:
@@ -140,9 +101,6 @@ class PlacedBoxes:
 
     def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that the boxes touch."""
-        if self.device is not None:
-            self._rasteriser.mark(mark)
-            return
         begin, count = self.span()
         for low, high in zip(begin // BRICK, (begin + count - 1) // BRICK + 1, strict=True):
             mark[low[2] : high[2], low[1] : high[1], low[0] : high[0]] = True
@@ -150,18 +108,10 @@ class PlacedBoxes:
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,), spread uniformly over its box, to its target (S,)."""
         amounts = _summed(amounts, self.shared)
-        if self.device is not None:
-            self._rasteriser.add(touched.directory, amounts, targets)
-            return
         for box, cell, share in self.overlaps():
             address = touched.address(cell)
             for target, amount in zip(targets, amounts, strict=True):
                 target += np.bincount(address, amount[box] * share, minlength=len(target))
-
-    @cached_property
-    def _rasteriser(self) -> BoxRasteriser:
-        assert self.device is not None
-        return BoxRasteriser.of(self.device, self.lower, self.upper, self.span(), self.cells)
 
 
 def _summed(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
@@ -191,52 +141,65 @@ class PlacedPoints:
 
 
 @dataclass(frozen=True)
-class PlacedClouds:
-    """Clouds in the cube, in units of finest cells: place (N, 3) and covariance (N, 3, 3).
+class Rasterised:
+    """Clouds or boxes that a device spreads over cells, None: they have no more than a place;
+    shared: as in `PlacedBoxes`."""
 
-    device: which rasterises them.
-    """
-
-    place: Floats
-    covariance: Floats
-    cells: int
-    device: Device | None
-
-    @cached_property
-    def _rasteriser(self) -> CloudRasteriser:
-        if self.device is None:
-            raise MediumError("clouds of droplets: no device; allowed: device=open_device()")
-        return CloudRasteriser.of(self.device, self.place, self.covariance, self.cells)
+    rasteriser: Rasteriser | None
+    shared: Ints | None = None
 
     def mark(self, mark: Mask) -> None:
-        """Sets the bricks (nb, nb, nb) that a cloud reaches."""
-        self._rasteriser.mark(mark)
+        """Sets the bricks (nb, nb, nb) that the clouds or boxes reach."""
+        self._on_device.mark(mark)
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount (N,), spread over its cloud, to its target (S,)."""
-        self._rasteriser.add(touched.directory, amounts, targets)
+        """Adds every amount (N,), spread over its cloud or box, to its target (S,)."""
+        self._on_device.add(touched.directory, _summed(amounts, self.shared), targets)
+
+    @property
+    def _on_device(self) -> Rasteriser:
+        if self.rasteriser is None:
+            raise MediumError("clouds of droplets: no device; allowed: device=open_device()")
+        return self.rasteriser
 
 
-Placed = PlacedPoints | PlacedBoxes | PlacedClouds
+Placed = PlacedPoints | PlacedBoxes | Rasterised
 
 
 def place_boxes(
-    frame: Frame,
-    lower_m: Floats,
-    upper_m: Floats,
-    *,
-    content: str,
-    shared: Ints | None = None,
-    device: Device | None = None,
-) -> PlacedBoxes | PlacedPoints:
-    """Boxes (N, 3) in the cube, or points if each box of a lattice is within one cell.
+    frame: Frame, lower_m: Floats, upper_m: Floats, *, content: str, device: Device | None = None
+) -> Placed:
+    """Boxes (N, 3) in the cube, or points if each box is within one cell.
 
-    Raises as `PlacedBoxes.place`; `shared` as in `PlacedBoxes`.
+    device: which spreads them over cells; None: NumPy does. Raises MediumError, which names
+    `content`, if a box reaches out of the cube.
     """
-    boxes = PlacedBoxes.place(frame, lower_m, upper_m, content=content, device=device)
-    lattice = Lattice.of(boxes.lower, boxes.upper)
-    cells = None if lattice is None else lattice.cells()
-    return replace(boxes, shared=shared) if cells is None else PlacedPoints(cells, shared)
+    cube = frame.at(0)
+    make = partial(Corners.of, cube, lower_m, upper_m, content)
+    return _placed(frame, kept((lower_m, upper_m), cube, make), None, device)
+
+
+def _placed(frame: Frame, corners: Corners, shared: Ints | None, device: Device | None) -> Placed:
+    cells = corners.cells(frame.depth)
+    if cells is not None:
+        return PlacedPoints(cells, shared)
+    if device is None:
+        unit = np.full(1, 2.0 ** (frame.depth - BITS))
+        return PlacedBoxes(corners.low.T * unit, corners.high.T * unit, shared)
+    boxes = BoxRasteriser(device, deposit_program(device), frame.cells, corners)
+    return Rasterised(boxes, shared)
+
+
+def _boxes_of_parcels(cube: Frame, position_m: Floats, edge_m: Floats) -> tuple[Corners, Ints]:
+    """Distinct boxes of parcels (N, 3), and the first parcel of each: size classes that share a box
+    are consecutive."""
+    differs = np.zeros(max(len(position_m) - 1, 0), bool)
+    for along in position_m.T:
+        differs |= along[1:] != along[:-1]
+    starts = np.append(0, np.flatnonzero(differs) + 1)
+    middle = np.stack([along[starts] for along in position_m.T]).T
+    half = edge_m / 2
+    return Corners.of(cube, middle - half, middle + half, "droplets"), starts
 
 
 def place_droplets(
@@ -248,28 +211,20 @@ def place_droplets(
 ) -> Placed:
     """Parcels (N, 3) in the cube as points, boxes or clouds, by the extent of their droplets.
 
-    device: which rasterises clouds and boxes; None: there are no clouds, or only their place is of
-        interest.
-
-    Raises MediumError if part of `amount` (N,) is outside the cube.
+    device: as in `place_boxes`; without one, clouds have no more than a place. Raises MediumError
+    if part of `amount` (N,) is outside the cube.
     """
     if isinstance(extent, Box):
-        # Size classes that share a box are consecutive.
-        differs = np.zeros(max(len(position_m) - 1, 0), bool)
-        for along in position_m.T:
-            differs |= along[1:] != along[:-1]
-        starts = np.append(0, np.flatnonzero(differs) + 1)
-        middle = np.stack([along[starts] for along in position_m.T]).T
-        half = extent.edge_m / 2
-        return place_boxes(
-            frame, middle - half, middle + half, content="droplets", shared=starts, device=device
-        )
+        make = partial(_boxes_of_parcels, frame.at(0), position_m, extent.edge_m)
+        corners, starts = kept((position_m, extent.edge_m), frame.at(0), make)
+        return _placed(frame, corners, starts, device)
     cell = cells_of_points(frame, position_m, amount, content="droplets")
     if extent is None:
         return PlacedPoints(cell)
-    return PlacedClouds(
-        frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2, frame.cells, device
-    )
+    if device is None:
+        return Rasterised(None)
+    place, covariance = frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2
+    return Rasterised(CloudRasteriser.of(device, place, covariance, frame.cells))
 
 
 def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Touched:

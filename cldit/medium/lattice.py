@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
+import scipy
 
 from cldit.arrays import Floats, Ints
 
@@ -27,7 +26,7 @@ class Lattice:
 
     place: Ints
     shape: tuple[int, int, int]
-    shares: tuple[csr_array, csr_array, csr_array]
+    shares: "tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, scipy.sparse.csr_array]"
     first: tuple[int, int, int]
 
     @classmethod
@@ -56,15 +55,6 @@ class Lattice:
             shares=(parts[0][1], parts[1][1], parts[2][1]),
             first=(parts[0][0], parts[1][0], parts[2][0]),
         )
-
-    def cells(self) -> NDArray[np.signedinteger] | None:
-        """Cell (N, 3; x, y, z) of each box; None if a box is in several cells."""
-        within = [share.tocsc() for share in self.shares]
-        if any(share.nnz > share.shape[1] for share in within):
-            return None
-        places = reversed(np.unravel_index(self.place, self.shape))
-        along = zip(self.first, within, places, strict=True)
-        return np.stack([begin + share.indices[place] for begin, share, place in along]).T
 
     def layers(self, amounts: list[Floats]) -> Iterator[tuple[int, list[Floats]]]:
         """Yields the z of each layer of cells and the sums [y, x] of each amount (N,) in it.
@@ -99,7 +89,7 @@ class Lattice:
             yield self.first[2] + cell, totals
 
 
-def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:
+def _axis(origin: float, spacing: float, count: int) -> "tuple[int, scipy.sparse.csr_array]":
     """First touched cell, and the shares of `count` intervals in the cells from there on."""
     low = origin + spacing * np.arange(count)
     high = low + spacing
@@ -111,5 +101,5 @@ def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:
     cell = (start[:, None] + np.arange(reach)).ravel()
     share = np.minimum(high[point], begin + cell + 1.0) - np.maximum(low[point], begin + cell)
     keep = (share > _SLIVER) & (cell < cells)
-    matrix = csr_array((share[keep], (cell[keep], point[keep])), shape=(cells, count))
-    return begin, csr_array(matrix / np.asarray(matrix.sum(axis=0))[None, :])
+    matrix = scipy.sparse.csr_array((share[keep], (cell[keep], point[keep])), shape=(cells, count))
+    return begin, scipy.sparse.csr_array(matrix / np.asarray(matrix.sum(axis=0))[None, :])

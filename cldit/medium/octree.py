@@ -221,7 +221,8 @@ def _deposit(
         placed.add(touched, amounts, targets)
     for number, box in enumerate(boxes):
         place = sources[0][1][number]
-        in_cells = np.prod((place.upper_m - place.lower_m) / frame.cell_m, axis=1)
+        width, depth, height = ((place.upper_m - place.lower_m) / frame.cell_m).T
+        in_cells = width * depth * height
         targets, amounts = [], []
         for fields, (_, cells) in zip(deposited, sources, strict=True):
             for name in FIELDS:

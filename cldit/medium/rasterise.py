@@ -10,15 +10,18 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Mask
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale
 from cldit.gpu.program import Program, build
+from cldit.medium.corners import BITS, Corners
 from cldit.medium.frame import BRICK
 
 REACH = 6.0**0.5  # half the width of a cloud's profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
+FACE = 1e-6  # in cells: a box that reaches over a face by less does not touch the next cell
+_LANES = 2**16  # work-items of few boxes
 _LAYERS_AT_ONCE = 4_000_000  # bounds the memory of the lists: 30 bytes a layer
 _SUMS_AT_ONCE = 2**19  # that are converted while they are in the cache
 _Counts = NDArray[np.int32]
@@ -36,8 +39,8 @@ class Rasteriser(ABC):
     deposits: ClassVar[str]
 
     @abstractmethod
-    def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
-        """Yields parts of the objects by number, and the kernels' arguments that list them."""
+    def _lists(self) -> Iterator[tuple[NDArray[np.int64] | slice, dict[str, Any]]]:
+        """Yields parts of the objects by number, and their kernels' arguments; `items`: size."""
 
     def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that anything reaches."""
@@ -83,8 +86,9 @@ class Rasteriser(ABC):
                 target[begin : begin + rows] += part[:, kind] / scale[kind]
 
     def _launch(self, kernel: str, lists: dict[str, Any], arguments: dict[str, Any]) -> None:
-        group = 1 if self.device.is_cpu else 64
-        self.program.launch(kernel, (lists["items"],), (group,), {**lists, **arguments})
+        size = lists.pop("items")
+        group = (1 if self.device.is_cpu else 64, *[1] * (len(size) - 1))
+        self.program.launch(kernel, size, group, {**lists, **arguments})
 
 
 def deposit_program(device: Device) -> Program:
@@ -151,7 +155,8 @@ class CloudRasteriser(Rasteriser):
             filled = np.bincount(z, minlength=self.cells)
             begins = np.append(0, np.cumsum(filled)).astype(np.int32)
         return {
-            "items": len(begins) - 1,
+            "items": (len(begins) - 1,),
+            "zs": len(begins) - 1,
             "begins": upload(self.device, "layers", begins),
             "numbers": upload(self.device, "layers", number),
             "layers": upload(self.device, "layers", layer),
@@ -163,46 +168,32 @@ class CloudRasteriser(Rasteriser):
 
 @dataclass(frozen=True)
 class BoxRasteriser(Rasteriser):
-    """Boxes. first, count: (N, 4) int32, the cells that each touches along x, y, z. within: (N, 6)
-    its lower and upper corner from the first of them."""
+    """Boxes with corners in the cube."""
 
     marks, deposits = "mark_boxes", "deposit_boxes"
-    first: NDArray[np.int32]
-    count: NDArray[np.int32]
-    within: NDArray[np.floating]
+    corners: Corners
 
-    @classmethod
-    def of(
-        cls, device: Device, lower: Floats, upper: Floats, span: tuple[Ints, Ints], cells: int
-    ) -> BoxRasteriser:
-        """Boxes from `lower` to `upper` (N, 3), in cells, with the cells that they touch."""
-        begin = np.clip(span[0], 0, cells - 1)
-        count = np.minimum(span[1], cells - begin)
-        program = deposit_program(device)
-        within = np.hstack([lower - begin, upper - begin]).astype(program.real)
-        wide = [np.pad(values, ((0, 0), (0, 1))).astype(np.int32) for values in (begin, count)]
-        return cls(device, program, cells, wide[0], wide[1], within)
-
-    def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
-        put, layers = self.device, self.count[:, 2]
-        for part in _parts(layers):
-            number, layer = _layers(layers[part])
+    def _lists(self) -> Iterator[tuple[slice, dict[str, Any]]]:
+        shift = BITS - self.cells.bit_length() + 1
+        for part, corners in self.corners.on(self.device):
+            boxes = part.stop - part.start
+            # Layers of few boxes are shared out; where there are many, each work-item has a box.
+            lanes = min(self.cells, max(1, _LANES // boxes))
             yield (
-                np.arange(part.start, part.stop),
+                part,
                 {
-                    "items": len(number),
-                    "numbers": upload(put, "layers", number),
-                    "layers": upload(put, "layers", layer),
-                    "first_of": upload(put, "boxes", self.first[part]),
-                    "count_of": upload(put, "boxes", self.count[part]),
-                    "within_box": upload(put, "boxes", self.within[part]),
+                    "items": (boxes, lanes),
+                    "boxes": boxes,
+                    "corners": corners,
+                    "shift": shift,
+                    "slack": int(np.ceil(FACE * 2.0**shift)),
                     "cells": self.cells,
                 },
             )
 
 
 def _parts(layers: NDArray[np.signedinteger]) -> Iterator[slice]:
-    """Parts of objects with so many layers (N,), each of at most `_LAYERS_AT_ONCE` in all."""
+    """Parts of clouds with so many layers (N,), each of at most `_LAYERS_AT_ONCE` in all."""
     ends = np.cumsum(layers, dtype=np.int64)
     start = 0
     while start < len(layers):
@@ -212,8 +203,8 @@ def _parts(layers: NDArray[np.signedinteger]) -> Iterator[slice]:
         start = stop
 
 
-def _layers(count: _Counts, begin: _Counts | int = 0) -> tuple[_Counts, _Counts]:
-    """Object and layer of each of their layers, `count` (N,) of them from `begin` (N,)."""
+def _layers(count: _Counts, begin: _Counts) -> tuple[_Counts, _Counts]:
+    """Cloud and layer of each of their layers, `count` (N,) of them from `begin` (N,)."""
     number = np.repeat(np.arange(len(count), dtype=np.int32), count)
     layer = np.arange(len(number)) + np.repeat(begin - (np.cumsum(count) - count), count)
     return number, layer.astype(np.int32)

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from cldit.arrays import Floats
 from cldit.errors import DropletError
@@ -210,7 +210,8 @@ def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
         x = np.exp(start + step * entries)
         solved = scaled(x, mie.efficiencies(n=n, k=k, x=x))
         scattering, absorption, g = (
-            np.asarray(CubicSpline(entries, column)(np.arange(count))) for column in solved
+            np.asarray(scipy.interpolate.CubicSpline(entries, column)(np.arange(count)))
+            for column in solved
         )
     else:
         finer = _FINER[0] if k >= _SHARP else _FINER[1]

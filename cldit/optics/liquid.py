@@ -15,8 +15,8 @@ from importlib import resources
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import wofz
 
 from cldit.arrays import Floats
 from cldit.errors import OpticsError
@@ -48,8 +48,8 @@ class Bands:
         number = (1e4 / wavelength_um)[..., None]
         height, centre, lorentz, gauss = self.bands.T
         scale = np.sqrt(2.0) * gauss
-        band = wofz((number - centre + 1j * lorentz) / scale)
-        mirror = wofz((number + centre + 1j * lorentz) / scale)
+        band = scipy.special.wofz((number - centre + 1j * lorentz) / scale)
+        mirror = scipy.special.wofz((number + centre + 1j * lorentz) / scale)
         response = np.sum(height * (band - mirror), axis=-1)
         ratio = (1e4 / _REFERENCE_PER_CM / wavelength_um) ** 2
         c0, c1, c2 = self.background

@@ -14,19 +14,15 @@ beyond 50 of the edge add less than 1e-20.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Ints
 from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Filter, cut, edges_um
-
-if TYPE_CHECKING:  # half of a second, for tables that few processes make
-    from scipy.interpolate import CubicHermiteSpline
 
 _REACH = 50.0  # in x beyond the long edge: exp(-50) = 2e-22 of the integrand is left
 _CHUNK = 1 << 16  # temperatures at a time: at up to 49 nodes each array has 26 MB
@@ -43,6 +39,41 @@ class _Piece:
     long: float
     at_short: float
     at_long: float
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """Cubic Hermite curve through y (n,) at rising x (n,), with slopes dy/dx (n,)."""
+
+    x: Floats
+    y: Floats
+    slope: Floats
+
+    @cached_property
+    def _cubics(self) -> Floats:
+        """(n - 1, 4) coefficients of each interval, over the share of the way through it."""
+        width, rise = np.diff(self.x), np.diff(self.y)
+        low, high = self.slope[:-1] * width, self.slope[1:] * width
+        return np.stack(
+            [self.y[:-1], low, 3.0 * rise - 2.0 * low - high, low + high - 2.0 * rise], axis=1
+        )
+
+    def __call__(self, x: Floats) -> Floats:
+        """Values at x (N,), within the nodes."""
+        _, u, cubic = self._at(x)
+        return np.asarray(((cubic[:, 3] * u + cubic[:, 2]) * u + cubic[:, 1]) * u + cubic[:, 0])
+
+    def rise(self, x: Floats) -> Floats:
+        """Slopes at x (N,), within the nodes."""
+        node, u, cubic = self._at(x)
+        slope = (3.0 * cubic[:, 3] * u + 2.0 * cubic[:, 2]) * u + cubic[:, 1]
+        return np.asarray(slope / np.diff(self.x)[node])
+
+    def _at(self, x: Floats) -> tuple[Ints, Floats, Floats]:
+        """Interval, share of the way through it, and its coefficients."""
+        place = np.interp(x, self.x, np.arange(len(self.x), dtype=float))
+        node = np.minimum(place.astype(np.int64), len(self.x) - 2)
+        return node, place - node, self._cubics[node]
 
 
 @lru_cache(maxsize=64)
@@ -141,25 +172,22 @@ def _steepness(piece: _Piece) -> float:
 
 
 @lru_cache(maxsize=8)
-def _calibration(filter_um: Filter) -> "CubicHermiteSpline":
+def _calibration(filter_um: Filter) -> _Curve:
     """ln B over ln T, from the table of the inverse."""
-    from scipy.interpolate import CubicHermiteSpline
-
-    spline, _ = _inverse(filter_um)
-    log_temperature = spline(spline.x)
-    return CubicHermiteSpline(log_temperature, spline.x, 1.0 / spline(spline.x, 1))
+    inverse = _inverse(filter_um)
+    return _Curve(inverse.y, inverse.x, 1.0 / inverse.slope)
 
 
 def _looked_up(
     temperature_K: Floats, filter_um: Filter, *, slope: bool
 ) -> tuple[Floats, Floats | float]:
-    spline = _calibration(filter_um)
+    curve = _calibration(filter_um)
     log_temperature = np.log(temperature_K)
-    inside = np.clip(log_temperature, spline.x[0], spline.x[-1])
+    inside = np.clip(log_temperature, curve.x[0], curve.x[-1])
     # Above the table B grows in proportion to T; below it, B is 0 in any case.
     beyond = log_temperature - inside
-    log_band = spline(inside) + np.where(beyond > 0.0, beyond, 1e6 * beyond)
-    return log_band, np.where(beyond == 0.0, spline(inside, 1), 1.0) if slope else 1.0
+    log_band = curve(inside) + np.where(beyond > 0.0, beyond, 1e6 * beyond)
+    return log_band, np.where(beyond == 0.0, curve.rise(inside), 1.0) if slope else 1.0
 
 
 def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> Floats:
@@ -181,20 +209,18 @@ def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> Float
 
 
 @lru_cache(maxsize=8)
-def _inverse(filter_um: Filter) -> "tuple[CubicHermiteSpline, Floats]":
-    """ln T over ln B, and both at the ends of the table."""
-    from scipy.interpolate import CubicHermiteSpline
-
+def _inverse(filter_um: Filter) -> _Curve:
+    """ln T over ln B."""
     x = np.geomspace(_SPAN[1], _SPAN[0], _NODES)
     pieces = _pieces(filter_um)
     temperature = SECOND_RADIATION_CONSTANT_m_K / (pieces[0].long * x)
     log_band, power = _log_band(temperature, pieces)
-    spline = CubicHermiteSpline(log_band, np.log(temperature), 1.0 / power)
-    return spline, np.array([log_band[-1], np.log(temperature[-1])])
+    return _Curve(log_band, np.log(temperature), 1.0 / power)
 
 
 def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> Floats:
-    spline, (top, log_temperature) = _inverse(filter_um)
+    curve = _inverse(filter_um)
+    top = curve.x[-1]
     value = np.asarray(radiance, dtype=np.float64)
     out = np.where(value == 0.0, np.inf if slope else 0.0, np.nan)
     out[np.isposinf(value)] = np.inf
@@ -202,11 +228,11 @@ def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> Floats:
     log_band = np.log(value[usable])
     inside = np.minimum(log_band, top)
     # Above the table (x < 1e-8, 4e11 K at 3.4 um) B grows in proportion to T.
-    temperature = np.exp(spline(inside) + (log_band - inside))
+    temperature = np.exp(curve(inside) + (log_band - inside))
     if slope:
         with np.errstate(over="ignore"):
-            temperature = temperature * spline(inside, 1) / value[usable]
-        limit = np.exp(log_temperature - top)  # Rayleigh-Jeans: dT/dB is constant
+            temperature = temperature * curve.rise(inside) / value[usable]
+        limit = np.exp(curve.y[-1] - top)  # Rayleigh-Jeans: dT/dB is constant
         out[np.isposinf(value)] = limit
     out[usable] = temperature
     return np.asarray(out)

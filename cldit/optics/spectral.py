@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from cldit.arrays import Floats
 from cldit.errors import SceneError
@@ -28,7 +28,8 @@ _KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # shares are smooth; constant below 
 
 def reference_temperature_K(background_temperatures_K: Sequence[float]) -> float:
     """Median background temperature, for whose light means over the filter are taken."""
-    return float(np.median(background_temperatures_K))
+    rising = sorted(background_temperatures_K)  # np.median loads numpy.ma
+    return float(rising[(len(rising) - 1) // 2] + rising[len(rising) // 2]) / 2.0
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,10 @@ class Quadrature:
         return np.asarray(self._parts(np.array([self.reference_K]))[:, 0])
 
     @cached_property
-    def shares(self) -> CubicSpline:
+    def shares(self) -> "scipy.interpolate.CubicSpline":
         """(K,) shares of the filter's black-body radiance over ln T; they add up to 1."""
         parts = np.array(self.members) @ self._parts(_KNOTS_K)
-        return CubicSpline(np.log(_KNOTS_K), (parts / parts.sum(axis=0)).T)
+        return scipy.interpolate.CubicSpline(np.log(_KNOTS_K), (parts / parts.sum(axis=0)).T)
 
     def _parts(self, temperature_K: Floats) -> Floats:
         return np.array(
@@ -136,7 +137,9 @@ class SpectralNode:
         if len(self.quadrature.members) == 1:
             return np.ones_like(given_K)
         spline = self.quadrature.shares
-        spline_of_node = CubicSpline.construct_fast(spline.c[..., self.number], spline.x)
+        spline_of_node = scipy.interpolate.CubicSpline.construct_fast(
+            spline.c[..., self.number], spline.x
+        )
         with np.errstate(divide="ignore"):
             place = np.log(np.maximum(given_K, 0.0))
         return np.asarray(spline_of_node(np.clip(place, spline.x[0], spline.x[-1])))

@@ -13,8 +13,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from cldit.arrays import Floats
 from cldit.errors import OpticsError
@@ -339,7 +339,7 @@ def _index_absorbing(
     low, high = float(among.min()), float(among.max())
     if not too_much(low) < 0.0 < too_much(high):
         return None
-    return float(brentq(too_much, low, high, rtol=1e-6))
+    return float(scipy.optimize.brentq(too_much, low, high, rtol=1e-6))
 
 
 def _depths(

@@ -25,9 +25,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import dctn, idctn, irfft2, rfft2
-from scipy.special import j1
 
 from cldit.arrays import Floats
 from cldit.optics.planck import part_radiance
@@ -51,7 +50,7 @@ def airy(frequency: Floats) -> Floats:
 def _disc(phase: Floats) -> Floats:
     """MTF of an even disc, 2 J1(x) / x, any shape; x is 2 pi times radius and frequency."""
     safe = np.where(phase > 1e-6, phase, 1.0)
-    return np.where(phase > 1e-6, 2.0 * j1(safe) / safe, 1.0)
+    return np.where(phase > 1e-6, 2.0 * scipy.special.j1(safe) / safe, 1.0)
 
 
 def _aliases(count: int, size_m: float) -> list[tuple[Floats, Floats]]:
@@ -124,8 +123,8 @@ class PointSpread:
             for across, share in sides[0]
         ]
         transform = np.sum(parts, axis=0)
-        spread = np.maximum(idctn(transform, type=1), 0.0)
-        positive = dctn(spread, type=1)
+        spread = np.maximum(scipy.fft.idctn(transform, type=1), 0.0)
+        positive = scipy.fft.dctn(spread, type=1)
         return np.asarray((positive / positive[0, 0])[:-1, :-1])
 
     @cached_property
@@ -153,16 +152,20 @@ class PointSpread:
             )
         across, down = sides
         transform = down @ samples @ across[: camera.pixels[0] + 1].T
-        spread = np.maximum(irfft2(transform, [2 * n for n in reversed(camera.pixels)]), 0.0)
-        return np.asarray(rfft2(spread / spread.sum()))
+        spread = np.maximum(
+            scipy.fft.irfft2(transform, [2 * n for n in reversed(camera.pixels)]), 0.0
+        )
+        return np.asarray(scipy.fft.rfft2(spread / spread.sum()))
 
     def image(self, sharp: Image) -> Image:
         """The blurred image (H, W)."""
-        out = idctn(dctn(sharp.astype(np.float64)) * self.transfer)
+        out = scipy.fft.idctn(scipy.fft.dctn(sharp.astype(np.float64)) * self.transfer)
         if self.sampled_transfer is not None:
             rows, columns = out.shape
             mirrored = np.pad(out, ((0, rows), (0, columns)), mode="symmetric")
-            out = irfft2(rfft2(mirrored) * self.sampled_transfer, mirrored.shape)[:rows, :columns]
+            out = scipy.fft.irfft2(
+                scipy.fft.rfft2(mirrored) * self.sampled_transfer, mirrored.shape
+            )[:rows, :columns]
         return np.asarray(out, np.float32)
 
     def __call__(self, weights: Weights) -> Weights:

@@ -39,9 +39,10 @@ from cldit.gpu.kernel_source import assemble
 from cldit.gpu.program import Program
 from cldit.io.caches import default_cache
 from cldit.io.plain_data import read_json
+from cldit.medium.corners import Corners
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octree
-from cldit.medium.rasterise import BoxRasteriser, CloudRasteriser
+from cldit.medium.rasterise import BoxRasteriser, CloudRasteriser, deposit_program
 from cldit.optics.scene_phase import henyey_greenstein
 from cldit.scene import parse_scene
 from cldit.scene.spray import FlowBox, LagrangianSpray
@@ -172,13 +173,12 @@ def _deposits(device: Device) -> None:
     inside = (_CELLS / 2) * (1 + 0.8 * _wave(90, 1.9).reshape(30, 3))
     line = np.stack([(np.arange(_LONG) * 0.618034) % _CELLS] * 2 + [np.full(_LONG, 5.5)], axis=1)
     covariances = sides @ sides.transpose(0, 2, 1), np.zeros((_LONG, 3, 3))
-    lower, upper = inside - 0.7, inside + np.array([0.2, 0.7, 1.6])
-    lower_cell = np.floor(lower).astype(np.int64)
-    span = lower_cell, np.ceil(upper).astype(np.int64) - lower_cell
+    cube = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=_CELLS, depth=0)
+    boxes = Corners.of(cube, inside - 0.7, inside + np.array([0.2, 0.7, 1.6]), "boxes")
     for count, rasteriser in (
         (30, CloudRasteriser.of(device, inside, covariances[0], _CELLS)),
         (_LONG, CloudRasteriser.of(device, line, covariances[1], _CELLS)),
-        (30, BoxRasteriser.of(device, lower, upper, span, _CELLS)),
+        (30, BoxRasteriser(device, deposit_program(device), _CELLS, boxes)),
     ):
         mark = np.zeros((2, 2, 2), bool)
         rasteriser.mark(mark)

@@ -1,8 +1,13 @@
 """Base class and interval type of checked input, and messages that name what is allowed."""
 
+import ast
 import difflib
+import inspect
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from typing import Any, ClassVar
 
 from pydantic import (
@@ -23,9 +28,10 @@ Former = Mapping[str, tuple[Any, str]]
 class Section(BaseModel):
     """Base of every section of a scene, rig or plan file: frozen, with unknown keys refused.
 
-    The string below a key is its description in the reference and in editors. _scene_type: the type
-    that contains all sections of a scene, which `cldit.scene.schema` sets. _former: keys of older
-    versions, with the value that their runs store by themselves, and what to do in place of others.
+    The string below a key is its description in the reference and in editors (`descriptions`), read
+    from the source when asked for. _scene_type: the type that contains all sections of a scene,
+    which `cldit.scene.schema` sets. _former: keys of older versions, with the value that their runs
+    store by themselves, and what to do in place of others.
     """
 
     _scene_type: ClassVar[type[BaseModel] | None] = None
@@ -36,7 +42,6 @@ class Section(BaseModel):
         extra="forbid",
         strict=False,
         allow_inf_nan=False,
-        use_attribute_docstrings=True,
     )
 
     @model_validator(mode="before")
@@ -71,11 +76,35 @@ class Section(BaseModel):
             if field.is_required() or value != field.get_default(call_default_factory=True):
                 yield name, value
 
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        json_schema = handler(schema)
+        properties = handler.resolve_ref_schema(json_schema)["properties"]
+        for key, description in descriptions(cls).items():
+            properties[key]["description"] = description
+        return json_schema
+
     def __dir__(self) -> list[str]:
         """Keys and cldit's own methods, without those of pydantic."""
         methods = {name for kind in type(self).__mro__ for name in vars(kind)
                if issubclass(kind, Section) and not name.startswith(("_", "model_"))}  # fmt: skip
         return sorted(methods | set(type(self).model_fields))
+
+
+@cache
+def descriptions(section: type[BaseModel]) -> dict[str, str]:
+    """Strings below the keys of a section, by key."""
+    texts: dict[str, str] = {}
+    for kind in reversed(section.__mro__[: section.__mro__.index(Section)]):
+        (parsed,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+        assert isinstance(parsed, ast.ClassDef)
+        for key, below in pairwise(parsed.body):
+            match key, below:
+                case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(value))):
+                    texts[name] = inspect.cleandoc(value)
+    return texts
 
 
 def _number(value: float) -> str:

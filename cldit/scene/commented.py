@@ -6,6 +6,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from cldit.io.plain_data import yaml_line
+from cldit.scene.checks import descriptions
 from cldit.scene.schema import Scene
 
 _STEP = "  "
@@ -32,7 +33,7 @@ def _section(section: BaseModel, *, indent: str, comment: bool) -> list[str]:
         if value == field.default and not field.is_required() and name != "model":
             unset = True
         start = ("# " if unset else "") + indent
-        about = " ".join((field.description or "").split())
+        about = " ".join(descriptions(type(section)).get(name, "").split())
         about = f"  # {about}" if about else ""
         if isinstance(value, BaseModel):
             lines.append(f"{start}{name}:{about}")

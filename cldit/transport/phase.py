@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import eval_legendre
 
 from cldit.arrays import Floats
 from cldit.errors import ClditError
@@ -78,8 +78,10 @@ class ScatteringTable:
     def moments(self, count: int) -> Floats:
         """Exact Legendre moments (count,) of the table; moment 0 is 1 and moment 1 is g."""
         degrees = np.arange(count)[:, None]
-        upper = eval_legendre(degrees + 1, self.cosine)
-        lower = np.where(degrees > 0, eval_legendre(np.maximum(degrees - 1, 0), self.cosine), 1.0)
+        upper = scipy.special.eval_legendre(degrees + 1, self.cosine)
+        lower = np.where(
+            degrees > 0, scipy.special.eval_legendre(np.maximum(degrees - 1, 0), self.cosine), 1.0
+        )
         integral = -np.diff((upper - lower) / (2 * degrees + 1), axis=1)
         return np.asarray(integral @ self.density)
 

@@ -14,13 +14,13 @@ large, the expected squares are scaled and more rays follow.
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+import scipy
 
 from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.transport.image import Rays
-from cldit.transport.view import View
+from cldit.transport.view import View, dilated
 
 Counts = Ints
 
@@ -53,7 +53,7 @@ class PixelResults:
     @classmethod
     def of(cls, view: View, temperature: TraceTemperature) -> "PixelResults":
         """Finds the pixels at the rim of the background."""
-        rim = ~minimum_filter(view.sees_background, 3 + 2 * view.edge_pixels)
+        rim = dilated(~view.sees_background, 1 + view.edge_pixels)
         return cls(view, temperature, rim.reshape(-1))
 
     def _shares(self, pixels: Counts, across: Counts) -> Floats:
@@ -160,8 +160,8 @@ def contrast_K(temperature_K: Floats) -> Floats:
 
 def contrasts(results: Floats) -> Floats:
     """`contrast_K` (2, H, W) of both results, of emissivity around pixels with a T_app alone."""
-    near = maximum_filter(np.isfinite(results[0]), 3)
-    emissivity = np.where(near, contrast_K(results[1]), np.nan)
+    beside = dilated(np.isfinite(results[0]), 1)
+    emissivity = np.where(beside, contrast_K(results[1]), np.nan)
     return np.stack([contrast_K(results[0]), emissivity])
 
 
@@ -203,7 +203,9 @@ class RayChoice:
 
     def _around(self, each: Floats) -> Floats:
         """Means (2, H W) over a pixel and its neighbours."""
-        return np.asarray(uniform_filter(each.reshape(2, *self._shape), (1, 3, 3)).reshape(2, -1))
+        return np.asarray(
+            scipy.ndimage.uniform_filter(each.reshape(2, *self._shape), (1, 3, 3)).reshape(2, -1)
+        )
 
     @property
     def squares_K2(self) -> Floats:
@@ -242,8 +244,8 @@ class RayChoice:
         """Traces four rays in the pixels beside those with a T_app, which may see the medium."""
         box, view = self.rays.solution.cells.box(), self.rays.solution.view
         blur = view.blur_pixels(box.low[1], box.low[1] + box.shape[1])
-        near = maximum_filter(self._seen.reshape(self._shape), 3 + 2 * blur).reshape(-1)
-        beside = np.flatnonzero(near & ~self._seen & (self.across == 1))
+        about = dilated(self._seen.reshape(self._shape), 1 + blur).ravel()
+        beside = np.flatnonzero(about & ~self._seen & (self.across == 1))
         if len(beside):
             self.grow(beside, np.full(len(beside), 2))
             self._contrast = self._contrasts()

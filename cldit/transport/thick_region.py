@@ -8,8 +8,8 @@ thick ones, and end at the interfaces of this region.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.tuning import Tuning
@@ -67,7 +67,7 @@ class ThickRegion:
         high = np.minimum(there.max(axis=0) + tuning.margin + 2, box.shape)
         thick = np.zeros((high - low)[::-1], bool)
         thick[tuple((there - low).T[::-1])] = True
-        region = ndimage.binary_dilation(thick, iterations=tuning.margin)
+        region = scipy.ndimage.binary_dilation(thick, iterations=tuning.margin)
         places = np.full(region.shape, NONE, np.int32)
         places[region] = np.arange(np.count_nonzero(region))
         at = np.argwhere(region)[:, ::-1]

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
 from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.errors import TransportError
@@ -23,6 +22,17 @@ from cldit.transport.sobol import net, on_disc
 
 _TILE = 8
 _GROUP = 64
+
+
+def dilated(chosen: Mask, pixels: int) -> Mask:
+    """Mask (H, W) of pixels in the squares of 2 `pixels` + 1 about `chosen` ones."""
+    wide = chosen.copy()
+    for axis in (wide, wide.T):  # one after the other: along columns, then along rows
+        narrow = axis.copy()
+        for step in range(1, min(pixels, len(axis) - 1) + 1):
+            axis[step:] |= narrow[:-step]
+            axis[:-step] |= narrow[step:]
+    return wide
 
 
 @dataclass(frozen=True)
@@ -137,7 +147,7 @@ class View:
     @cached_property
     def sees_background_alone(self) -> Mask:
         """Mask (H, W) of pixels all of whose rays end on the background, without the medium."""
-        return np.asarray(minimum_filter(self.sees_background, 1 + 2 * self.edge_pixels))
+        return ~dilated(~self.sees_background, self.edge_pixels)
 
     @property
     def edge_pixels(self) -> int:

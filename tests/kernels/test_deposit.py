@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import floor
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit import arrays
+from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
-from cldit.medium import rasterise
-from cldit.medium.deposit import PlacedBoxes, Touched, touched_bricks
+from cldit.medium import corners, rasterise
+from cldit.medium.deposit import PlacedBoxes, Rasterised, Touched, place_boxes, touched_bricks
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.rasterise import REACH, CloudRasteriser
 
@@ -155,21 +158,26 @@ def test_parts_make_the_whole(device: Device, monkeypatch: pytest.MonkeyPatch) -
 def test_boxes_are_those_of_the_twin(
     device: Device, parts: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Boxes within a cell, across bricks, over the whole cube, and with faces on those of cells."""
+    """Boxes within a cell, across bricks, over the whole cube, and with faces on those of cells.
+
+    Both have the same corners, rounded to 2^-31 of the cube, and the same shares of them."""
     if parts:
-        monkeypatch.setattr(rasterise, "_LAYERS_AT_ONCE", 50)
+        monkeypatch.setattr(corners, "_AT_ONCE", 50)
+        monkeypatch.setattr(rasterise, "_LANES", 150)
+    frame = Frame((-1.0, 2.0, 0.5), 3.2, 5)
     rng = np.random.default_rng(5)
-    lower = rng.uniform(0.0, CELLS - 1.0, (400, 3))
+    lower = rng.uniform(0.0, frame.cells - 1.0, (400, 3))
     lower[:100] = np.floor(lower[:100])
-    upper = np.minimum(lower + np.exp(rng.uniform(-3.0, 3.0, (400, 3))), CELLS)
+    upper = np.minimum(lower + np.exp(rng.uniform(-3.0, 3.0, (400, 3))), frame.cells)
     upper[:50] = np.ceil(upper[:50])
-    lower[0], upper[0] = 0.0, CELLS
+    lower[0], upper[0] = 0.0, frame.cells
+    lower_m, upper_m = (frame.lower_m + corner * frame.cell_m for corner in (lower, upper))
     amounts = [rng.uniform(0.0, 1.0, 400), rng.uniform(-1e6, 1e6, 400)]
-    frame = Frame((0.0, 0.0, 0.0), 1.0, 5)
     sums: list[list[Floats]] = []
     marks: list[Touched] = []
     for chosen in (None, device):
-        boxes = PlacedBoxes(lower, upper, None, CELLS, chosen)
+        boxes = place_boxes(frame, lower_m, upper_m, content="gas", device=chosen)
+        assert isinstance(boxes, PlacedBoxes if chosen is None else Rasterised)
         marks.append(touched_bricks(frame, [boxes], limit=10**9))
         sums.append([np.zeros(marks[-1].slots * BRICK**3) for _ in amounts])
         boxes.add(marks[-1], amounts, sums[-1])
@@ -178,3 +186,25 @@ def test_boxes_are_those_of_the_twin(
     for expected_sum, found, amount in zip(*sums, amounts, strict=True):
         np.testing.assert_allclose(found, expected_sum, atol=resolution * np.abs(amount).sum())
         assert found.sum() == pytest.approx(amount.sum(), rel=100 * resolution)
+
+
+def test_boxes_stay_on_the_device(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Corners are converted and uploaded once for all depths, as long as their arrays exist."""
+    uploaded: list[int] = []
+
+    def counted(device: Device, label: str, array: NDArray[Any]) -> Any:
+        uploaded.append(array.nbytes)
+        return upload(device, label, array)
+
+    monkeypatch.setattr(corners, "upload", counted)
+    frame = Frame((0.0, 0.0, 0.0), 1.0, 0)
+    lower_m = np.random.default_rng(2).uniform(0.0, 0.9, (30, 3))
+    upper_m = lower_m + 0.1
+    before = len(arrays._KEPT)
+    for depth in (4, 5, 6, 4):
+        placed = place_boxes(frame.at(depth), lower_m, upper_m, content="gas", device=device)
+        touched_bricks(frame.at(depth), [placed], limit=10**9)
+    assert uploaded == [30 * 6 * 4]
+    assert len(arrays._KEPT) == before + 1
+    del lower_m, placed
+    assert len(arrays._KEPT) == before

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from cldit.arrays import Floats, Ints, Mask
 
@@ -116,7 +116,7 @@ def sampled_square(
     points = np.column_stack([place, *ranks])
     known = points[np.searchsorted(here, sample.pixels[inside])]
     count = min(_ALIKE, len(known))
-    near = cKDTree(known).query(points, count)[1].reshape(len(points), count)
+    near = scipy.spatial.cKDTree(known).query(points, count)[1].reshape(len(points), count)
     alike = square[inside][near]
     # A standard error is added, as to the sum over the image.
     doubt = alike.std(axis=1) / max(count - 1, 1) ** 0.5

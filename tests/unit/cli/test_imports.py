@@ -36,6 +36,18 @@ def test_only_what_a_command_uses(words: list[str], allowed: set[str]) -> None:
     assert set(done.stderr.strip().split(",")) - {""} <= allowed
 
 
+def test_modules_of_a_run_load_no_package_that_few_runs_use() -> None:
+    """SciPy's packages are loaded by the calls of their functions."""
+    code = (
+        "import sys, cldit.cli.run; "
+        "print(*(name for name in sys.modules if name.startswith(('scipy.', 'matplotlib'))))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[1] for name in done.stdout.split() if "." in name}
+    assert not loaded & {"special", "ndimage", "linalg", "optimize", "interpolate", "spatial"}
+    assert "matplotlib" not in done.stdout
+
+
 def test_help_says_what_click_would() -> None:
     """Texts that are read from the sources are those of the commands, here of those soon loaded.
 

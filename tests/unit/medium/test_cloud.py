@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
-from cldit.medium.deposit import PlacedBoxes, PlacedClouds, Touched, place_droplets, touched_bricks
+from cldit.medium.deposit import PlacedBoxes, Rasterised, Touched, place_droplets, touched_bricks
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.octree import PointSource, build_octree
 from cldit.spray.extent import Box, Cloud
@@ -322,6 +322,6 @@ def test_octree_takes_clouds(device: Device) -> None:
 def test_clouds_and_boxes_are_told_apart() -> None:
     cube, place = frame(1e-2), np.zeros((1, 3))
     assert isinstance(
-        place_droplets(cube, place, Cloud(np.zeros((1, 3, 3))), np.ones(1)), PlacedClouds
+        place_droplets(cube, place, Cloud(np.zeros((1, 3, 3))), np.ones(1)), Rasterised
     )
     assert isinstance(place_droplets(cube, place, Box(np.full(3, 1e-3)), np.ones(1)), PlacedBoxes)
