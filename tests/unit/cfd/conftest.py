@@ -8,9 +8,9 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -217,6 +217,11 @@ class Foam:
     form: type[Form] = Form
     write: Callable[..., Path] = write_case
 
+    def case(self, folder: Path, **keys: Any) -> Path:
+        """The sample as a case; `keys` of `write_case` come before its own gas and cloud."""
+        block, gas, cloud = self.sample()
+        return self.write(folder, block, **({"gas": gas, "cloud": cloud} | keys))
+
     def sample(self, shear: float = 0.0) -> tuple[Block, dict[str, Array], dict[str, Array]]:
         """Block of 3 x 4 x 2 uneven cells, gas and 17 parcels, the same every time."""
         random = np.random.default_rng(7)
@@ -245,6 +250,4 @@ class Foam:
         return block, gas, cloud
 
 
-@pytest.fixture
-def foam() -> Foam:
-    return Foam()
+foam = Foam()

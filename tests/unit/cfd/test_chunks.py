@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -20,9 +19,8 @@ from cldit.cfd.vtk import head
 from cldit.cfd.vtk.head import piece_counts
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import read
 
 CUBE = np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
 FACES = PolyhedronFaces(
@@ -50,7 +48,7 @@ def test_kinds_of_cells_agree() -> None:
 
 @pytest.mark.parametrize("at_once", [1, 5, 23])
 def test_number_of_cells_at_once_changes_nothing(
-    at_once: int, tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+    at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     block, gas, cloud = foam.sample(shear=0.3)
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
@@ -66,7 +64,7 @@ def test_number_of_cells_at_once_changes_nothing(
 
 
 def test_cells_without_vapour_are_left_out_wherever_they_come(
-    tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before the first cell with much fuel it is not known yet that another has next to none."""
     block, gas, cloud = foam.sample()
@@ -74,7 +72,7 @@ def test_cells_without_vapour_are_left_out_wherever_they_come(
     gas["C7H16"][[1, 20]] = 1e-18, 0.2
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
     monkeypatch.setattr(meshes, "AT_ONCE", 4)
-    spray = read_cfd(CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="-y"))
+    spray = read(case)
     assert spray.notes["vapour_cells"] == 1.0
     assert spray.notes["gas_cells"] == 24.0
 

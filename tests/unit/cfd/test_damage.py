@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,18 +17,16 @@ import pytest
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import FRAME
 
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-
-SET: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 CHECKED = ("vtk", "openfoam-gz", "vtkhdf", "parquet")
 KINDS = (*CHECKED, "converge", "tables", "fluent", "cgns", "vtkhdf-by-vtk")
 SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight", "ensight-ascii")
 QUICK, MANY = 4, 20
 
 
-def write(kind: str, folder: Path, foam: Foam) -> Path:
+def write(kind: str, folder: Path) -> Path:
     """The sample, without p: beside it a damaged name of rho would make a case of p alone."""
     block, gas, cloud = foam.sample()
     gas = {name: values for name, values in gas.items() if name != "p"}
@@ -40,7 +38,7 @@ def write(kind: str, folder: Path, foam: Foam) -> Path:
         save(folder / "drops.vtp", cloud_data(cloud))
         return folder
     if kind in ("vtkhdf", "cgns", "fluent", "vtkhdf-by-vtk", "parquet"):
-        return _other_binary(kind, folder, (block, gas, cloud), foam)
+        return _other_binary(kind, folder, (block, gas, cloud))
     if kind.startswith("openfoam"):
         form = foam.form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
         return foam.write(folder, block, gas=gas, cloud=cloud, form=form)
@@ -49,7 +47,7 @@ def write(kind: str, folder: Path, foam: Foam) -> Path:
     return WRITERS[kind][0](folder, foam.sample())
 
 
-def _other_binary(kind: str, folder: Path, sample: Any, foam: Foam) -> Path:
+def _other_binary(kind: str, folder: Path, sample: Any) -> Path:
     """Without a mapping file where none is needed: what is left of one may be another."""
     from tests.unit.cfd import composites
     from tests.unit.cfd.formats.conftest import write_tables
@@ -84,10 +82,10 @@ def figures(spec: CfdSpray) -> tuple[object, ...]:
 
 
 def damaged(
-    kind: str, folder: Path, foam: Foam, count: int, damage: Callable[[bytes, int], bytes]
+    kind: str, folder: Path, count: int, damage: Callable[[bytes, int], bytes]
 ) -> list[str]:
     """What was another figure after `damage` to each file at `count` random places."""
-    spec = CfdSpray(file=write(kind, folder, foam), **SET)
+    spec = CfdSpray(file=write(kind, folder), **FRAME)
     sound = figures(spec)
     random = np.random.default_rng(20)
     wrong = []
@@ -120,23 +118,23 @@ def cut(whole: bytes, place: int) -> bytes:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_cut_off(kind: str, tmp_path: Path, foam: Foam) -> None:
-    assert damaged(kind, tmp_path, foam, QUICK, cut) == []
+def test_cut_off(kind: str, tmp_path: Path) -> None:
+    assert damaged(kind, tmp_path, QUICK, cut) == []
 
 
 @pytest.mark.parametrize("kind", CHECKED)
-def test_flipped(kind: str, tmp_path: Path, foam: Foam) -> None:
-    assert damaged(kind, tmp_path, foam, QUICK, flip) == []
+def test_flipped(kind: str, tmp_path: Path) -> None:
+    assert damaged(kind, tmp_path, QUICK, flip) == []
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in CHECKED])
-def test_flipped_without_a_checksum(kind: str, tmp_path: Path, foam: Foam) -> None:
-    damaged(kind, tmp_path, foam, QUICK, flip)
+def test_flipped_without_a_checksum(kind: str, tmp_path: Path) -> None:
+    damaged(kind, tmp_path, QUICK, flip)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", SLOW_KINDS)
-def test_many_places(kind: str, tmp_path: Path, foam: Foam) -> None:
-    assert damaged(kind, tmp_path / "cut", foam, MANY, cut) == []
-    wrong = damaged(kind, tmp_path / "flipped", foam, MANY, flip)
+def test_many_places(kind: str, tmp_path: Path) -> None:
+    assert damaged(kind, tmp_path / "cut", MANY, cut) == []
+    wrong = damaged(kind, tmp_path / "flipped", MANY, flip)
     assert kind not in CHECKED or wrong == []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -256,23 +255,3 @@ WRITERS: dict[str, tuple[Callable[[Path, Sample], Path], float]] = {
     "converge": (lambda root, sample: write_converge(root, sample, new=True), 5e-6),
     "converge-before-3.1": (lambda root, sample: write_converge(root, sample, new=False), 5e-6),
 }
-
-
-@dataclass(frozen=True)
-class Writers:
-    """What the tests of this folder share; `place` are the keys of a scene's frame."""
-
-    every: dict[str, tuple[Callable[[Path, Sample], Path], float]] = field(
-        default_factory=lambda: WRITERS
-    )
-    ensight: Callable[..., Path] = write_ensight
-    converge: Callable[..., Path] = write_converge
-    tables: Callable[..., Path] = write_tables
-    place: dict[str, Any] = field(
-        default_factory=lambda: {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
-    )
-
-
-@pytest.fixture
-def writers() -> Writers:
-    return Writers()

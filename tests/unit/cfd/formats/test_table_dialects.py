@@ -9,15 +9,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
-from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import write_tables
+from tests.unit.cfd.reading import notes_of, read, refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
 
 
 def parcels(path: Path, change: Callable[[str], str]) -> dict[str, Any]:
@@ -64,22 +61,21 @@ def decimal_commas(text: str) -> str:
     [quoted_comma, quoted_cells, semicolons, tabs, marked_utf8, decimal_commas],
     ids=lambda change: change.__name__,
 )
-def test_dialects(tmp_path: Path, foam: Foam, writers: Writers, change: Any) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+def test_dialects(tmp_path: Path, change: Any) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
     mapping = parcels(path, change)
     if change is decimal_commas:
         path.write_text(yaml.safe_dump(mapping))
-        with pytest.raises(SprayError, match=r"not all numbers.*`decimal: ','`"):
-            read_cfd(CfdSpray(file=path, **writers.place))
+        refused(path, r"not all numbers.*`decimal: ','`")
         mapping["parcels"]["decimal"] = ","
     path.write_text(yaml.safe_dump(mapping))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+    assert notes_of(path) == expected
 
 
-def test_units_in_the_header(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+def test_units_in_the_header(tmp_path: Path) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
     mapping = parcels(
         path,
         lambda text: text.replace(
@@ -89,11 +85,10 @@ def test_units_in_the_header(tmp_path: Path, foam: Foam, writers: Writers) -> No
     named = mapping["parcels"]
     named["position"], named["radius"], named["mass"] = ["X", "Y", "Z"], "R", "M [mg]"
     path.write_text(yaml.safe_dump(mapping))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+    assert notes_of(path) == expected
     named["radius"] = {"column": "R", "unit": "mm"}
     path.write_text(yaml.safe_dump(mapping))
-    with pytest.raises(SprayError, match=r"column 'R \[µm\]' is in um by its name, and in mm by"):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, r"column 'R \[µm\]' is in um by its name, and in mm by")
 
 
 @pytest.mark.parametrize(
@@ -108,48 +103,41 @@ def test_units_in_the_header(tmp_path: Path, foam: Foam, writers: Writers) -> No
         (lambda text: text[: len(text) // 2], "last line has no end"),
     ],
 )
-def test_rows_that_do_not_fit(
-    tmp_path: Path, foam: Foam, writers: Writers, change: Any, message: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
+def test_rows_that_do_not_fit(tmp_path: Path, change: Any, message: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
     path.write_text(yaml.safe_dump(parcels(path, change)))
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, message)
 
 
-def test_a_quote_that_is_not_closed(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+def test_a_quote_that_is_not_closed(tmp_path: Path) -> None:
     """Two stray quotes in a column of text would make the rows between them one cell."""
-    path = writers.tables(tmp_path, foam.sample())
+    path = write_tables(tmp_path, foam.sample())
     mapping = parcels(path, lambda text: text)
     file = tmp_path / "drops.txt"
     rows = [f"{row},x" for row in file.read_text().splitlines()]
     rows[2], rows[5] = f'{rows[2][:-1]}"x', f'{rows[5][:-1]}"x'
     file.write_text("\n".join([*rows, ""]))
     path.write_text(yaml.safe_dump(mapping))
-    with pytest.raises(
-        SprayError, match=r"drops\.txt: 17 lines make 14 rows: a quote is not closed"
-    ):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, r"drops\.txt: 17 lines make 14 rows: a quote is not closed")
 
 
 @pytest.mark.parametrize("mark", [",", "\t", " "])
-def test_blank_lines_and_comments(mark: str, tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+def test_blank_lines_and_comments(mark: str, tmp_path: Path) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
     mapping = parcels(path, lambda text: text.replace("\n", "\n   \n  # a comment\n"))
     file = tmp_path / "drops.txt"
     file.write_text(file.read_text().replace(",", mark))
     path.write_text(yaml.safe_dump(mapping))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+    assert notes_of(path) == expected
 
 
-def test_gas_alone_is_a_choice(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    spray = read_cfd(CfdSpray(file=path, cloud="none", **writers.place))
+def test_gas_alone_is_a_choice(tmp_path: Path) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    spray = read(path, cloud="none")
     assert spray.parcels is None
     assert {Path(file.path).name for file in spray.files} == {"mapping.yaml", "cells.csv"}
-    with pytest.raises(SprayError, match="no cloud 'rain'"):
-        read_cfd(CfdSpray(file=path, cloud="rain", **writers.place))
+    refused(path, "no cloud 'rain'", cloud="rain")
 
 
 @pytest.mark.parametrize(
@@ -166,10 +154,8 @@ def test_gas_alone_is_a_choice(tmp_path: Path, foam: Foam, writers: Writers) -> 
         ("injector", "1 2", ""),
     ],
 )
-def test_a_table_of_several_times(
-    tmp_path: Path, foam: Foam, writers: Writers, name: str, values: str, message: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
+def test_a_table_of_several_times(tmp_path: Path, name: str, values: str, message: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
     mapping = yaml.safe_load(path.read_text())
     file = tmp_path / "drops.txt"
     skipped, head, *rows = file.read_text().replace(" ", ";").splitlines()
@@ -179,10 +165,9 @@ def test_a_table_of_several_times(
     mapping["parcels"]["delimiter"] = ";"
     path.write_text(yaml.safe_dump(mapping))
     if not message:
-        read_cfd(CfdSpray(file=path, **writers.place))
+        read(path)
         return
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, message)
 
 
 def latin_1(text: str) -> str:
@@ -208,21 +193,19 @@ def utf_16(text: str) -> str:
 @pytest.mark.parametrize(
     "change", [latin_1, fortran, remarks, utf_16], ids=lambda each: each.__name__
 )
-def test_dialects_of_solvers(tmp_path: Path, foam: Foam, writers: Writers, change: Any) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+def test_dialects_of_solvers(tmp_path: Path, change: Any) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
     mapping = parcels(path, lambda text: text)
     path.write_text(yaml.safe_dump(mapping))
     file = tmp_path / "drops.txt"
     file.write_bytes(change(file.read_text()).encode("utf-8", "surrogateescape"))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+    assert notes_of(path) == expected
 
 
 @pytest.mark.parametrize("undefined", ["-1.#IND", "1.#QNAN0", ""])
-def test_an_undefined_number_is_one_parcel_omitted(
-    tmp_path: Path, foam: Foam, writers: Writers, undefined: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
+def test_an_undefined_number_is_one_parcel_omitted(tmp_path: Path, undefined: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
     mapping = parcels(path, lambda text: text)
     file = tmp_path / "drops.txt"
     head, row, *rows = file.read_text().splitlines()
@@ -230,7 +213,7 @@ def test_an_undefined_number_is_one_parcel_omitted(
     cells[head.split(",").index("T")] = undefined
     file.write_text("\n".join([head, ",".join(cells), *rows, ""]))
     path.write_text(yaml.safe_dump(mapping))
-    spray = read_cfd(CfdSpray(file=path, parcels_left_out=0.1, **writers.place))
+    spray = read(path, parcels_left_out=0.1)
     assert spray.notes["parcels"] == 16
     assert any("Omitted 1 of 17 parcels" in remark for remark in spray.remarks)
 
@@ -247,13 +230,11 @@ def cfd_post(text: str) -> str:
 
 
 @pytest.mark.parametrize("change", [repeated_header, cfd_post], ids=lambda each: each.__name__)
-def test_tables_with_more_than_one_head(
-    tmp_path: Path, foam: Foam, writers: Writers, change: Any
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+def test_tables_with_more_than_one_head(tmp_path: Path, change: Any) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
     path.write_text(yaml.safe_dump(parcels(path, change)))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+    assert notes_of(path) == expected
 
 
 @pytest.mark.parametrize(
@@ -264,15 +245,12 @@ def test_tables_with_more_than_one_head(
         ("warm", "row 1 has 'warm' in the column T; write numbers"),
     ],
 )
-def test_cells_that_are_no_number(
-    tmp_path: Path, foam: Foam, writers: Writers, cell: str, message: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
+def test_cells_that_are_no_number(tmp_path: Path, cell: str, message: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
     path.write_text(yaml.safe_dump(parcels(path, lambda text: text)))
     file = tmp_path / "drops.txt"
     head, row, *rows = file.read_text().splitlines()
     cells = row.split(",")
     cells[head.split(",").index("T")] = cell
     file.write_text("\n".join([head, ",".join(cells), *rows, ""]))
-    with pytest.raises(SprayError, match=re.escape(message)):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, re.escape(message))
