@@ -87,8 +87,7 @@ def _from_yaml(content: str, path: Path) -> tuple[Table, str, float | None]:
                 "tabulated k, formula 1 and formula 2"
             )
     if n is None or k is None:
-        hint = "; cldit.optics.kramers_kronig.n_from_k computes n from k" if n is None else ""
-        raise OpticsError(f"{path}: has no {'n' if n is None else 'k'}{hint}")
+        raise OpticsError(f"{path}: has no {'n' if n is None else 'k'}")
     wavelength, absorbed = k
     if isinstance(n, dict):
         real = _sellmeier(n, wavelength, path)

@@ -19,7 +19,7 @@ from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Spray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_ensight
-from tests.unit.cfd.reading import FRAME, read
+from tests.unit.cfd.reading import read
 
 
 def same(one: Spray, two: Spray) -> bool:
