@@ -64,6 +64,16 @@ class Block:
         return int(np.prod(self.shape))
 
     @property
+    def hexahedra(self) -> NDArray[np.int64]:
+        """Corners (N, 8) of the cells in the order of EnSight and vtk."""
+        nx, ny, nz = self.shape
+        corner = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nz + 1, ny + 1, nx + 1)
+        low, high = slice(None, -1), slice(1, None)
+        ring = [(low, low), (low, high), (high, high), (high, low)]
+        layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
+        return np.stack(layers, axis=-1).reshape(-1, 8)
+
+    @property
     def volume(self) -> Array:
         """By the edges alone: shearing keeps volume."""
         x, y, z = (np.diff(edge) for edge in self.edges)

@@ -17,7 +17,9 @@ import pytest
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.composites import write_format
 from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.reading import FRAME
 
 CHECKED = ("vtk", "openfoam-gz", "vtkhdf", "parquet")
@@ -29,43 +31,9 @@ QUICK, MANY = 4, 20
 def write(kind: str, folder: Path) -> Path:
     """The sample, without p: beside it a damaged name of rho would make a case of p alone."""
     block, gas, cloud = foam.sample()
-    gas = {name: values for name, values in gas.items() if name != "p"}
-    if kind == "vtk":
-        pytest.importorskip("vtkmodules")
-        from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
-
-        save(folder / "gas.vtu", block_grid(block, gas))
-        save(folder / "drops.vtp", cloud_data(cloud))
-        return folder
-    if kind in ("vtkhdf", "cgns", "fluent", "vtkhdf-by-vtk", "parquet"):
-        return _other_binary(kind, folder, (block, gas, cloud))
-    if kind.startswith("openfoam"):
-        form = foam.form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
-        return foam.write(folder, block, gas=gas, cloud=cloud, form=form)
-    from tests.unit.cfd.formats.conftest import WRITERS
-
-    return WRITERS[kind][0](folder, foam.sample())
-
-
-def _other_binary(kind: str, folder: Path, sample: Any) -> Path:
-    """Without a mapping file where none is needed: what is left of one may be another."""
-    from tests.unit.cfd import composites
-    from tests.unit.cfd.formats.conftest import write_tables
-    from tests.unit.cfd.formats.test_fluent import write_fluent
-    from tests.unit.cfd.test_vtk import block_grid
-
-    folder.mkdir(parents=True, exist_ok=True)
-    block, gas, _ = sample
-    if kind == "fluent":
-        return write_fluent(folder, sample)
-    if kind == "cgns":
-        return composites.write_cgns(folder / "a.cgns", sample)
-    if kind == "vtkhdf":
-        return composites.write_own_hdf(folder / "a.vtkhdf", sample)
-    if kind == "vtkhdf-by-vtk":
-        blocks = {"gas": block_grid(block, gas), "drops": composites.cloud_block(sample)}
-        return composites.write_hdf(folder / "a.vtkhdf", blocks)
-    return composites.in_parquet(write_tables(folder, foam.sample()))
+    if kind not in (*WRITERS, "parquet"):
+        gas.pop("p")
+    return write_format(kind, folder, (block, gas, cloud))
 
 
 def figures(spec: CfdSpray) -> tuple[object, ...]:

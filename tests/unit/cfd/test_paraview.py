@@ -16,7 +16,7 @@ pytest.importorskip("vtkmodules")
 
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, grid_of, save, stamped
+from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts, save, stamped
 from tests.unit.cfd.vtkfiles import (
     collection,
     gas_file,
@@ -92,19 +92,13 @@ def listed(folder: Path) -> Path:
 def parallel(folder: Path) -> Path:
     """Two halves of the mesh, a ghost cell of the other's in each; the parcels in two files."""
     block, gas, cloud = foam.sample()
-    nodes = cells_of(block)
     half = block.cells // 2
     for number, own in enumerate((range(half), range(half, block.cells))):
         ghost = half if number == 0 else half - 1
         kept = [*own, ghost]
-        ghosts = np.zeros(len(kept), dtype=np.uint8)
-        ghosts[-1] = 1
-        grid = grid_of(
-            [(12, nodes[cell]) for cell in kept],
-            block.points,
-            {name: values[kept] for name, values in gas.items()},
-        )
-        marked(grid.GetCellData(), ghosts)
+        ghosts = np.arange(len(kept)) == half
+        grid = block_grid(block, gas, kept)
+        mark_ghosts(grid.GetCellData(), ghosts)
         save(folder / "gas" / f"gas_{number}.vtu", grid)
         part = slice(0, 5) if number == 0 else slice(5, None)
         some = {name: values[part] for name, values in cloud.items()}
@@ -112,20 +106,6 @@ def parallel(folder: Path) -> Path:
     pieces(folder / "gas.pvtu", ["gas/gas_0.vtu", "gas/gas_1.vtu"])
     pieces(folder / "drops.pvtp", ["drops/drops_0.vtp", "drops/drops_1.vtp"])
     return folder
-
-
-def cells_of(block: Any) -> list[list[int]]:
-    grid = block_grid(block, {})
-    return [[grid.GetCell(cell).GetPointId(n) for n in range(8)] for cell in range(block.cells)]
-
-
-def marked(data: Any, ghosts: Any) -> None:
-    from vtkmodules.util import numpy_support
-
-    convert: Any = numpy_support.numpy_to_vtk
-    array = convert(ghosts, deep=1)
-    array.SetName("vtkGhostType")
-    data.AddArray(array)
 
 
 LAYOUTS = [pair, blocks, blocks_of_vtk, vertex_grids, series, listed, parallel]
@@ -251,10 +231,10 @@ def test_hidden_cells_and_parcels(tmp_path: Path) -> None:
     grid, drops = block_grid(block, gas), cloud_data(cloud)
     hidden = np.zeros(block.cells, dtype=np.uint8)
     hidden[[0, 7]] = 32
-    marked(grid.GetCellData(), hidden)
+    mark_ghosts(grid.GetCellData(), hidden)
     copied = np.zeros(17, dtype=np.uint8)
     copied[3] = 1
-    marked(drops.GetPointData(), copied)
+    mark_ghosts(drops.GetPointData(), copied)
     save(tmp_path / "gas.vtu", grid)
     save(tmp_path / "drops.vtp", drops)
     found = notes_of(tmp_path)
@@ -287,7 +267,7 @@ def test_point_data_keep_the_mass(tmp_path: Path, density: bool) -> None:
             grid.GetPointData().AddArray(vtk_array(name, values))
     save(tmp_path / "gas.vtu", grid)
     spray = read(tmp_path / "gas.vtu")
-    corners = np.array(cells_of(block))
+    corners = block.hexahedra
     share = block.volume / 8
     if density:
         mass = np.sum((points["rho"] * points["C7H16"])[corners] * share[:, None])

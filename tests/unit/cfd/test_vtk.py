@@ -91,14 +91,20 @@ def grid_of(cells: list[tuple[int, Any]], points: Any, gas: Mapping[str, Any]) -
     return grid
 
 
-def block_grid(block: Any, gas: Mapping[str, Any]) -> Any:
-    nx, ny, nz = block.shape
-    corner = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nz + 1, ny + 1, nx + 1)
-    low, high = corner[:-1], corner[1:]
-    ring = [(slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))]
-    ring += [(slice(1, None), slice(1, None)), (slice(1, None), slice(None, -1))]
-    ids = np.stack([layer[:, y, x] for layer in (low, high) for y, x in ring], axis=-1)
-    return grid_of([(12, row) for row in ids.reshape(-1, 8).tolist()], block.points, gas)
+def block_grid(block: Any, gas: Mapping[str, Any], cells: Any = slice(None)) -> Any:
+    """A grid of a block's hexahedra, or of some of them."""
+    rows = [(12, row) for row in block.hexahedra[cells].tolist()]
+    return grid_of(rows, block.points, {name: values[cells] for name, values in gas.items()})
+
+
+def mark_ghosts(data: Any, marks: Any) -> None:
+    """Adds vtkGhostType to the data of cells or points."""
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.numpy_to_vtk
+    array = convert(np.asarray(marks, np.uint8), deep=1)
+    array.SetName("vtkGhostType")
+    data.AddArray(array)
 
 
 def cloud_data(cloud: Mapping[str, Any]) -> Any:

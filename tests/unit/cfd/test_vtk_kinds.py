@@ -14,13 +14,12 @@ from cldit.cfd.vtk.datasets import as_numpy
 from cldit.cfd.vtk.head import check_head
 from cldit.errors import EmptyCloud, SprayError
 from cldit.scene.spray import CfdSpray
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
+from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts, save
 from tests.unit.cfd.test_vtk_grids import HIGH, LOW, RHO, SHAPE, field, grid_of, write
 from tests.unit.cfd.vtkfiles import pieces
 
 pytest.importorskip("vtkmodules")
 from vtkmodules import vtkCommonDataModel as model
-from vtkmodules.util.numpy_support import numpy_to_vtk
 
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
@@ -132,13 +131,6 @@ def test_images_and_levels_in_hdf(tmp_path: Path, kind: bytes) -> None:
     assert vapour_kg(hdf(tmp_path / "gas.vtkhdf", kind)) == pytest.approx(whole_kg(), rel=1e-9)
 
 
-def ghosts(data: Any, marks: Any) -> Any:
-    convert: Any = numpy_to_vtk
-    array = convert(np.asarray(marks, np.uint8), deep=True)
-    array.SetName("vtkGhostType")
-    data.AddArray(array)
-
-
 @pytest.mark.parametrize("both", [False, True])
 def test_ghosts_on_both_sides(tmp_path: Path, both: bool) -> None:
     """Two pieces share a layer of cells, which one of them marks as a copy, or both."""
@@ -152,10 +144,10 @@ def test_ghosts_on_both_sides(tmp_path: Path, both: bool) -> None:
         cells = layer[:, :, kept].reshape(-1)
         grid = block_grid(own, {name: values[cells] for name, values in gas.items()})
         shared = np.isin(cells, layer[:, :, 1]) & (both or number == 0)
-        ghosts(grid.GetCellData(), shared)
+        mark_ghosts(grid.GetCellData(), shared)
         save(tmp_path / f"gas_{number}.vtu", grid)
         drops = cloud_data(cloud)
-        ghosts(drops.GetPointData(), np.full(17, both or number == 0))
+        mark_ghosts(drops.GetPointData(), np.full(17, both or number == 0))
         save(tmp_path / f"drops_{number}.vtp", drops)
     pieces(tmp_path / "gas.pvtu", ["gas_0.vtu", "gas_1.vtu"])
     pieces(tmp_path / "drops.pvtp", ["drops_0.vtp", "drops_1.vtp"])
@@ -214,7 +206,7 @@ def test_heads_that_end_the_process(
         append.AddInputData(grid)
         append.Update()
         grid = append.GetOutput()
-        ghosts(grid.GetCellData(), np.arange(378) == 3)
+        mark_ghosts(grid.GetCellData(), np.arange(378) == 3)
     file = tmp_path / name
     if name == "gas.vtu":
         save(file, grid)

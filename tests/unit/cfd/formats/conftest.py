@@ -14,16 +14,6 @@ import yaml
 Sample = tuple[Any, dict[str, Any], dict[str, Any]]
 
 
-def hexahedra(block: Any) -> Any:
-    """Corners (N, 8) of the block's cells in the order of EnSight and vtk."""
-    nx, ny, nz = block.shape
-    corner = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nz + 1, ny + 1, nx + 1)
-    lower, upper = slice(None, -1), slice(1, None)
-    ring = [(lower, lower), (lower, upper), (upper, upper), (upper, lower)]
-    layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
-    return np.stack(layers, axis=-1).reshape(-1, 8)
-
-
 class Out:
     """An EnSight file: text lines, or 80 characters and binary numbers."""
 
@@ -93,7 +83,7 @@ def write_ensight(
         for face in itertools.chain.from_iterable(own):
             geo.integers(np.array(face) + 1, a_line=4)
     else:
-        geo.integers(hexahedra(block) + 1, a_line=8)
+        geo.integers(block.hexahedra + 1, a_line=8)
     geo.text("part")  # walls, which hold no cell
     geo.integers(2)
     geo.text("walls")

@@ -16,8 +16,8 @@ from cldit.cfd.importing import imported
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.composites import write_format
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.reading import FRAME
 
 KINDS = ["openfoam", "vtk", "tables", "ensight", "ensight-ascii", "converge"]
@@ -26,24 +26,7 @@ KINDS += ["vtkhdf", "cgns", "fluent", "parquet"]
 
 def written(kind: str, folder: Path) -> CfdSpray:
     """The sample in one format."""
-    sample = foam.sample()
-    block, gas, cloud = sample
-    if kind == "openfoam":
-        case = foam.write(folder, block, gas=gas, cloud=cloud)
-    elif kind == "vtk":
-        from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
-
-        pytest.importorskip("vtkmodules")
-        case = folder
-        save(folder / "case_1" / "internal.vtu", block_grid(block, gas))
-        save(folder / "lagrangian" / "rain" / "rain_1.vtp", cloud_data(cloud))
-    elif kind in ("vtkhdf", "cgns", "fluent", "parquet"):
-        from tests.unit.cfd import test_damage
-
-        case = test_damage.write(kind, folder)
-    else:
-        case = WRITERS[kind][0](folder, sample)
-    return CfdSpray(file=case, **FRAME)
+    return CfdSpray(file=write_format(kind, folder, foam.sample()), **FRAME)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -59,7 +42,7 @@ def test_progress_is_told(kind: str, tmp_path: Path) -> None:
     assert phases[0].startswith(("reading", "measuring cells"))
 
 
-@pytest.mark.parametrize("phase", ["reading internal.vtu", "measuring cells", "writing spray.npz"])
+@pytest.mark.parametrize("phase", ["reading gas.vtu", "measuring cells", "writing spray.npz"])
 def test_control_c_leaves_nothing(phase: str, tmp_path: Path) -> None:
     """The signal itself, as the terminal sends it; vtk, too, stops."""
     spec = written("vtk", tmp_path / "case")
