@@ -169,9 +169,10 @@ def write_format(kind: str, folder: Path, sample: Any) -> Path:
         form = Form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
         return write_case(folder, block, gas=gas, cloud=cloud, form=form)
     folder.mkdir(parents=True, exist_ok=True)
-    if kind == "vtk":
-        save(folder / "gas.vtu", block_grid(block, gas))
-        save(folder / "spray.vtp", cloud_data(cloud))
+    if kind.startswith("vtk") and "hdf" not in kind:
+        legacy = ".vtk" if kind.endswith("legacy") else ""
+        save(folder / f"gas{legacy or '.vtu'}", block_grid(block, gas))
+        save(folder / f"spray{legacy or '.vtp'}", cloud_data(cloud))
         return folder
     if kind == "fluent":
         return write_fluent(folder, sample)

@@ -7,9 +7,9 @@ with a spray or an error of cldit's.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,12 +20,14 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.composites import write_format
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import WRITERS
-from tests.unit.cfd.reading import FRAME
+from tests.unit.cfd.reading import FRAME, read, refused, same
 
 CHECKED = ("vtk", "openfoam-gz", "vtkhdf", "parquet")
 KINDS = (*CHECKED, "converge", "tables", "fluent", "cgns", "vtkhdf-by-vtk")
 SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight", "ensight-ascii")
 QUICK, MANY = 4, 20
+TEXTS = (".yaml", ".case")  # what is left of one may be another that is right
+EARLIER = (".000.", "post000001")  # of another time
 
 
 def write(kind: str, folder: Path) -> Path:
@@ -36,36 +38,21 @@ def write(kind: str, folder: Path) -> Path:
     return write_format(kind, folder, (block, gas, cloud))
 
 
-def figures(spec: CfdSpray) -> tuple[object, ...]:
-    """All that comes over."""
-    spray = read_cfd(spec)
-    arrays: list[Any] = []
-    if (vapour := spray.vapour) is not None:
-        cells = vapour.cells
-        arrays += [cells.lower_m, cells.upper_m, vapour.number_density_m3, vapour.temperature_K]
-    if (parcels := spray.parcels) is not None:
-        arrays += [parcels.position_m, parcels.diameter_m, parcels.droplets]
-        arrays += [parcels.temperature_K, parcels.density_kg_m3]
-    return (spray.notes, *(values.tobytes() for values in arrays))
-
-
 def damaged(
     kind: str, folder: Path, count: int, damage: Callable[[bytes, int], bytes]
 ) -> list[str]:
     """What was another figure after `damage` to each file at `count` random places."""
     spec = CfdSpray(file=write(kind, folder), **FRAME)
-    sound = figures(spec)
+    sound = read_cfd(spec)
     random = np.random.default_rng(20)
     wrong = []
-    # what is left of a mapping or of EnSight's list of times may be another that is right
-    texts = (".yaml", ".case")
-    files = [path for path in folder.rglob("*") if path.is_file() and path.suffix not in texts]
+    files = [path for path in folder.rglob("*") if path.is_file() and path.suffix not in TEXTS]
     for file in sorted(files):
         whole = file.read_bytes()
         for place in random.integers(0, 8 * len(whole), count).tolist():
             file.write_bytes(damage(whole, place))
             try:
-                if figures(spec) != sound:
+                if not same(read_cfd(spec), sound):
                     wrong.append(f"{file.name}, bit {place % 8} of byte {place // 8}")
             except SprayError as error:
                 assert str(error)
@@ -83,6 +70,27 @@ def flip(whole: bytes, place: int) -> bytes:
 def cut(whole: bytes, place: int) -> bytes:
     """Up to there, and not at the end of a line: the rows of a table are not announced."""
     return whole[: place // 8].rstrip(b"\r\n")
+
+
+ENDS = ["openfoam", "openfoam-binary", "openfoam-gz", "vtk", "vtk-legacy", "ensight"]
+ENDS += ["ensight-ascii", "converge", "tables", "cgns", "fluent", "vtkhdf", "parquet"]
+
+
+@pytest.mark.parametrize("kind", ENDS)
+@pytest.mark.parametrize("left", [0.0, 0.3, 0.7, 0.96])
+def test_the_file_that_is_cut_off_is_named(kind: str, left: float, tmp_path: Path) -> None:
+    """The last entries of an OpenFOAM field, of its boundary, are not read."""
+    left = min(left, {"openfoam": 0.8, "openfoam-binary": 0.8}.get(kind, 1.0))
+    case = write(kind, tmp_path)
+    for file in sorted(path for path in tmp_path.rglob("*") if path.is_file()):
+        unread = file.name.removesuffix(".gz") in ("boundary", "controlDict")
+        if unread or file.suffix in TEXTS or any(part in file.name for part in EARLIER):
+            continue
+        whole = file.read_bytes()
+        file.write_bytes(cut(whole, 8 * int(left * len(whole))))
+        refused(case, re.escape(str(file)))
+        file.write_bytes(whole)
+    assert read(case).notes["gas_cells"] == 24
 
 
 @pytest.mark.parametrize("kind", KINDS)

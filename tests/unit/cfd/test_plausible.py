@@ -59,6 +59,20 @@ def test_gas_in_degrees_celsius_and_gauge_pressure(tmp_path: Path) -> None:
     assert "1.987e+05 to 1.987e+05 Pa): p seems to be a gauge pressure" in remarks
 
 
+@pytest.mark.parametrize(("name", "factor"), [("rho", 1e-3), ("p", 1e-5)])
+def test_a_density_that_is_no_ideal_gas(tmp_path: Path, name: str, factor: float) -> None:
+    _, gas, _ = foam.sample()
+    case = foam.case(tmp_path, gas=gas | {name: factor * gas[name]})
+    refused(case, "one of them is not in kg/m3, K, Pa")
+
+
+def test_a_case_in_millimetres(tmp_path: Path) -> None:
+    block, gas, cloud = foam.sample()
+    large = foam.block((5e3 * block.edges[0], 5e3 * block.edges[1], 5e3 * block.edges[2]))
+    case = foam.write(tmp_path, large, gas=gas, cloud=cloud | {"position": 5e3 * cloud["position"]})
+    refused(case, "m wide; allowed: up to 10 m .*metres")
+
+
 def test_a_box_in_centimetres(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     large = foam.block((100 * block.edges[0], 100 * block.edges[1], 100 * block.edges[2]))

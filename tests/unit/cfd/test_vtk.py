@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +16,7 @@ from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.reading import FRAME, notes_of, read, refused
+from tests.unit.cfd.reading import FRAME, arrays_of, notes_of, read, refused
 
 pytest.importorskip("vtkmodules")
 
@@ -166,21 +165,11 @@ def test_layouts_and_times(tmp_path: Path, layout: str) -> None:
     for path in last:
         spray = read(path)
         assert spray.notes["time_s"] == pytest.approx(0.001, rel=1e-7)  # maybe a float32
-        assert spray.parcels is not None
-        assert spray.vapour is not None
-        assert expected.parcels is not None
-        assert expected.vapour is not None
         # float32 of 1e-2 m: half an ulp is 5e-10 m; volumes of cells of 1e-3 m follow
-        for name in ("diameter_m", "droplets", "temperature_K", "density_kg_m3"):
-            wanted = getattr(expected.parcels, name)
-            assert getattr(spray.parcels, name) == pytest.approx(wanted, rel=1e-7)
-        wanted = expected.parcels.position_m
-        assert spray.parcels.position_m == pytest.approx(wanted, abs=1e-9, rel=0)
-        for name in ("lower_m", "upper_m"):
-            wanted = getattr(expected.vapour.cells, name)
-            assert getattr(spray.vapour.cells, name) == pytest.approx(wanted, abs=2e-9, rel=0)
-        wanted = expected.vapour.number_density_m3
-        assert spray.vapour.number_density_m3 == pytest.approx(wanted, rel=2e-7)
+        for name, values in arrays_of(spray).items():
+            place = name in ("position_m", "lower_m", "upper_m")
+            limit = 2e-9 if place else 2e-7 * np.abs(values)
+            assert np.all(np.abs(values - arrays_of(expected)[name]) <= limit), name
         for name in ("liquid_mass_kg", "vapour_mass_kg", "sauter_mean_diameter_m"):
             assert spray.notes[name] == pytest.approx(expected.notes[name], rel=5e-6)
     assert notes_of(meshes["10"])["parcels"] == 3
@@ -231,26 +220,6 @@ def test_same_kind_only(tmp_path: Path) -> None:
         nozzle_m=(0, 0, 0),
         axis="-z",
     )
-
-
-@pytest.mark.parametrize("layout", ["xml", "legacy"])
-@pytest.mark.parametrize("what", ["mesh", "cloud"])
-@pytest.mark.parametrize("left", [0.0, 0.5, 0.95])
-def test_truncated(
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    layout: str,
-    what: str,
-    left: float,
-) -> None:
-    meshes = two_steps(tmp_path, layout)
-    file = meshes["20"]
-    if what == "cloud":
-        file = tmp_path / "lagrangian" / "rain" / f"rain_20.{'vtp' if layout == 'xml' else 'vtk'}"
-    whole = file.read_bytes()
-    file.write_bytes(whole[: int(left * len(whole))])
-    refused(tmp_path, re.escape(str(file)))
-    assert capfd.readouterr().err == ""  # vtk's own words are in the message, not on the screen
 
 
 def test_missing_and_impossible(tmp_path: Path) -> None:

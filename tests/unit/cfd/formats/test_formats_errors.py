@@ -15,79 +15,8 @@ from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.formats.conftest import WRITERS, write_converge, write_ensight, write_tables
-from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-
-
-@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
-@pytest.mark.parametrize("left", [0.0, 0.3, 0.7, 0.97])
-def test_truncated(tmp_path: Path, kind: str, left: float) -> None:
-    path = WRITERS[kind][0](tmp_path, foam.sample())
-    early = [".000.", "post000001"]
-    for file in sorted(tmp_path.iterdir()):
-        if any(part in file.name for part in early) or file.suffix in (".case", ".yaml"):
-            continue
-        whole = file.read_bytes()
-        file.write_bytes(whole[: int(left * len(whole))])
-        refused(path, re.escape(str(file)))
-        file.write_bytes(whole)
-    assert notes_of(path)["parcels"] == 17
-
-
-def changed(values: Any, entry: int, value: float) -> Any:
-    return np.where(np.arange(len(values)) == entry, value, values)
-
-
-WRONG: list[tuple[str, str, float, str]] = [
-    ("cloud", "d", -9e-6, "(RADIUS|m_d|column R).*-"),
-    ("cloud", "d", 9.0, "is outside 1e-09..0.005"),
-    ("cloud", "T", np.nan, "nan .entry 3."),
-    ("cloud", "nParticle", -5.0, "entry 3"),
-    ("gas", "T", np.nan, "nan .entry 3."),
-    ("gas", "C7H16", 1.5, "mass fraction"),
-    ("gas", "rho", -1.0, "density in kg/m3"),
-]
-
-
-@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
-@pytest.mark.parametrize(("part", "name", "value", "message"), WRONG)
-def test_impossible_values(
-    tmp_path: Path,
-    kind: str,
-    part: str,
-    name: str,
-    value: float,
-    message: str,
-) -> None:
-    block, gas, cloud = foam.sample()
-    values = {"gas": gas, "cloud": cloud}[part]
-    values[name] = changed(values[name], 3, value)
-    path = WRITERS[kind][0](tmp_path, (block, gas, cloud))
-    with pytest.raises(SprayError, match=message) as caught:
-        read(path)
-    assert str(tmp_path) in str(caught.value)
-
-
-@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
-def test_wrong_units(tmp_path: Path, kind: str) -> None:
-    def written_and_refused(message: str, block: Any, gas: Any, cloud: Any) -> None:
-        path = WRITERS[kind][0](tmp_path, (block, gas, cloud))
-        refused(path, message)
-
-    block, gas, cloud = foam.sample()
-    far = cloud["position"] * 1000
-    written_and_refused("parcel 0 at .* is outside the mesh", block, gas, cloud | {"position": far})
-    written_and_refused(
-        "one of them is not in kg/m3, K, Pa", block, gas | {"rho": gas["rho"] / 1000}, cloud
-    )
-    written_and_refused(
-        "one of them is not in kg/m3, K, Pa", block, gas | {"p": gas["p"] / 1e5}, cloud
-    )
-    written_and_refused("mass fraction", block, gas | {"C7H16": gas["C7H16"] * 100}, cloud)
-    big = foam.block(tuple(edge * 5000 for edge in block.edges))  # type: ignore[arg-type]
-    written_and_refused(
-        "m wide; allowed: up to 10 m .*metres", big, gas, cloud | {"position": far * 5}
-    )
+from tests.unit.cfd.formats.conftest import write_converge, write_ensight, write_tables
+from tests.unit.cfd.reading import FRAME, notes_of, refused
 
 
 def test_mapping_of_ensight_and_converge(tmp_path: Path) -> None:

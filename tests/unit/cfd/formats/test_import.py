@@ -16,27 +16,9 @@ from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.load import load_scene
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Spray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_ensight
-from tests.unit.cfd.reading import read
-
-
-def same(one: Spray, two: Spray) -> bool:
-    assert one.parcels is not None
-    assert two.parcels is not None
-    assert one.vapour is not None
-    assert two.vapour is not None
-    return (
-        one.notes == two.notes
-        and one.remarks == two.remarks
-        and all(
-            np.array_equal(getattr(one.parcels, name), getattr(two.parcels, name))
-            for name in ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
-        )
-        and np.array_equal(one.vapour.cells.lower_m, two.vapour.cells.lower_m)
-        and np.array_equal(one.vapour.number_density_m3, two.vapour.number_density_m3)
-    )
+from tests.unit.cfd.reading import read, same
 
 
 def test_command(tmp_path: Path) -> None:
@@ -59,7 +41,8 @@ def test_command(tmp_path: Path) -> None:
     assert re.search(rf"liquid mass +{told.notes['liquid_mass_kg'] * 1e6:.5g} mg", text)
     assert re.search(r"Sauter mean diameter +\d", text)
     assert re.search(r"liquid penetration .* mm", text)
-    assert same(read_cfd(CfdSpray(file=out)), told)
+    stored = read_cfd(CfdSpray(file=out))
+    assert same(stored, told) and stored.remarks == told.remarks
     assert "format: cldit" in called(str(out), "--list")
     assert "is not a direction" in called(str(case), "--axis", "0,-1,up", code=2)
     assert not list(tmp_path.glob("*.part"))

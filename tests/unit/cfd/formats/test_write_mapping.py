@@ -17,8 +17,7 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.formats.test_formats import KINDS
-from tests.unit.cfd.formats.test_import import same
-from tests.unit.cfd.reading import FRAME, read
+from tests.unit.cfd.reading import FRAME, read, same
 from tests.unit.cfd.test_vtk import block_grid, save
 from tests.unit.cfd.vtkfiles import gas_file, parcels_file
 
