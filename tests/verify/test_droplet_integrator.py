@@ -23,6 +23,7 @@ from cldit.spray.droplet.rates import Drop, rates
 from tests.kernels.droplet_twin import Properties
 from tests.kernels.droplet_twin import film_on_device as film
 from tests.verify.droplet_convergence import CASES, error_of, integrated, reference
+from tests.verify.droplet_published import LIVES
 
 
 @cache
@@ -228,19 +229,6 @@ def test_at_the_wet_bulb_the_temperature_stays(follow: Follow, kernels: Makes) -
 
 # --- independent figures --------------------------------------------------------------------------
 
-# Life and half of the mass, us, of 9 um at 370 K, at rest, computed by another program with the
-# NSRDS fits: A-S, Dukowicz, Dukowicz with ln(1 + B)/B, finite conductivity. Vapour pressures that
-# differ by 1 % shift these by as much.
-LIVES = [
-    (0.15e6, 300.0, (6792, 3552, 3682, 6901), (1270, 484, 529, 1380)),
-    (0.15e6, 400.0, (1129, 693, 803, 1140), (290, 134, 173, 301)),
-    (0.15e6, 573.0, (470, 225, 312, 473), (147, 56, 87, 151)),
-    (0.15e6, 620.0, (413, 183, 265, 415), (133, 48, 77, 135)),
-    (0.60e6, 400.0, (1683, 1005, 1112, 1684), (567, 288, 328, 568)),
-    (0.60e6, 573.0, (534, 276, 361, 534), (213, 102, 133, 212)),
-    (0.90e6, 300.0, (30819, 11752, 11880, 30945), (9681, 3079, 3126, 9807)),
-    (0.90e6, 620.0, (473, 237, 316, 473), (204, 99, 129, 203)),
-]
 ORDER = ("abramzon-sirignano", "dukowicz", "dukowicz-log", "frolov-type")
 
 

@@ -46,7 +46,9 @@ def test_sapphire_as_published() -> None:
     assert per_cm == pytest.approx(0.92, rel=0.01)
 
 
-@pytest.mark.parametrize(("n", "k"), [(1.4, 0.0), (1.7, 1e-5), (2.5, 1e-4), (4.0, 1e-3)])
+@pytest.mark.parametrize(
+    ("n", "k"), [(1.4, 0.0), (1.7, 1e-5), (2.5, 1e-4), (4.0, 1e-3), (1.5, 1e-2)]
+)
 def test_against_counting_passages(n: float, k: float) -> None:
     """Every reflection followed one by one, until nothing is left."""
     surface = abs((complex(n, -k) - 1) / (complex(n, -k) + 1)) ** 2
@@ -63,17 +65,6 @@ def test_against_counting_passages(n: float, k: float) -> None:
     assert got[1] == pytest.approx(reflected, rel=1e-12)
 
 
-def test_against_the_mean_of_airy_fringes() -> None:
-    """Without absorption the coherent slab (Airy), averaged over a whole fringe, is the same."""
-    n = 1.7
-    surface = ((n - 1) / (n + 1)) ** 2
-    phase = 2 * np.pi * (np.arange(4096) + 0.5) / 4096
-    airy = (1 - surface) ** 2 / (1 + surface**2 - 2 * surface * np.cos(phase))
-    assert slab(n, 0.0, wavelength_um=3.4, thickness_m=0.01)[0] == pytest.approx(
-        float(airy.mean()), rel=1e-12
-    )
-
-
 @pytest.mark.parametrize("material", ["CaF2", "sapphire"])
 @pytest.mark.parametrize("thickness_m", [1e-5, 0.01, 0.2])
 @pytest.mark.parametrize("filter_um", [(3.3, 3.5), (2.0, 5.0), (4.99, 5.0)])
@@ -81,12 +72,6 @@ def test_energy(material: str, thickness_m: float, filter_um: tuple[float, float
     pane = band_pane(window(material, thickness_m=thickness_m), filter_um, reference_K=450.0)
     assert 0 < pane.transmission < 1 and 0 < pane.reflection < 1 and pane.emission >= 0
     assert pane.transmission + pane.reflection + pane.emission == pytest.approx(1.0, abs=1e-12)
-
-
-def test_thick_and_absorbing_is_black_but_for_its_surface() -> None:
-    transmission, reflection = slab(1.5, 1e-2, wavelength_um=3.4, thickness_m=1.0)
-    assert transmission == pytest.approx(0.0, abs=1e-30)
-    assert reflection == pytest.approx((0.25 + 1e-4) / (6.25 + 1e-4), rel=1e-12)
 
 
 def test_nothing_there_changes_nothing() -> None:
