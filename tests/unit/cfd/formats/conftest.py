@@ -41,6 +41,16 @@ class Out:
         for start in range(0, len(values), a_line):
             self.body += b"".join(b"%12.5e" % v for v in values[start : start + a_line]) + b"\n"
 
+    def variable(self, name: str, *parts: tuple[int, str, Any]) -> None:
+        """A whole variable: part, kind of its elements, and values, for each part."""
+        self.text(name)
+        for number, kind, values in parts:
+            self.text("part")
+            self.integers(number)
+            self.text(kind)
+            self.floats(values)
+        self.save()
+
     def save(self) -> None:
         self.file.write_bytes(self.body)
 
@@ -97,14 +107,9 @@ def write_ensight(
 
     for number, share in ((0, 0.5), (5, 1.0)):
         for name, values in gas.items():
+            now = values * (share if name == "C7H16" else 1.0)
             out = Out(root / f"case.{number:03d}.{name}", binary, order)
-            out.text(name)
-            for part, many in ((1, values), (2, values[:1])):
-                out.text("part")
-                out.integers(part)
-                out.text(kind if part == 1 else "quad4")
-                out.floats(many * (share if name == "C7H16" else 1.0))
-            out.save()
+            out.variable(name, (1, kind, now), (2, "quad4", now[:1]))
         out = Out(root / f"case.{number:03d}.mgeo", binary, order, head=True)
         out.text("parcels")
         out.text("particle coordinates")
