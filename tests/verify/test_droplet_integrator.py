@@ -19,11 +19,12 @@ from cldit.spray.droplet.advance import Advance, DropletStates, DropletSurroundi
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
 from cldit.spray.droplet.models import MODELS, Model, inert
-from cldit.spray.droplet.rates import Drop, rates
+from cldit.spray.droplet.rates import Drop
 from tests.kernels.droplet_twin import Properties
 from tests.kernels.droplet_twin import film_on_device as film
 from tests.verify.droplet_convergence import CASES, error_of, integrated, reference
 from tests.verify.droplet_published import LIVES
+from tests.verify.droplet_verification import wet_bulb
 
 
 @cache
@@ -151,18 +152,8 @@ def test_thermal_relaxation(follow: Follow) -> None:
 
 def viscosity(kernels: Makes) -> float:
     """Of the film that the integrator sees in gas at the liquid's temperature and 1 kPa vapour."""
-    one = np.ones(1)
-    state = film(
-        Drop(
-            9e-6 * one,
-            250.0 * one,
-            250.0 * one,
-            1e5 * one,
-            0 * one,
-            0 * one,
-        ),
-        kernels(inert),
-    )
+    at = Drop(*(np.array([v]) for v in (9e-6, 250.0, 250.0, 1e5, 0.0, 0.0)))
+    state = film(at, kernels(inert))
     return float(state.viscosity_Pa_s[0])
 
 
@@ -214,17 +205,11 @@ def test_drag_beyond_stokes(follow: Follow, kernels: Makes, speed: float) -> Non
 def test_at_the_wet_bulb_the_temperature_stays(follow: Follow, kernels: Makes) -> None:
     """Isothermal identity: at rest neither rate depends on size, so no life of it warms a droplet.
     The wet bulb is found to 1e-9 K."""
-    low, high = 300.0, 440.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        at = Drop(
-            *(np.array([v]) for v in (9e-6, middle, 573.0, 0.6e6, 0.0, 0.0)),
-        )
-        low, high = (middle, high) if rates(at, kernels(FIRST)).heat_W[0] > 0 else (low, middle)
-    start = droplets(liquid_K=low)
+    warm, _ = wet_bulb(kernels(FIRST), gas_K=573.0, pressure_Pa=0.6e6)
+    start = droplets(liquid_K=warm)
     found = follow(start, around(), 4e-4)
     assert found.droplets.mass_kg[0] < 0.2 * start.mass_kg[0]
-    assert found.droplets.temperature_K[0] == pytest.approx(low, abs=1e-8)
+    assert found.droplets.temperature_K[0] == pytest.approx(warm, abs=1e-8)
 
 
 # --- independent figures --------------------------------------------------------------------------
