@@ -65,7 +65,8 @@ def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
         raise SprayError(f"{out}: exists already (--write-mapping); give another name")
     table = spec.format is None and spec.file.is_file() and spec.file.suffix.lower() in TABLES
     draft = _of_table(spec) if table else _of_case(spec)
-    content = "\n".join(draft.lines(out.resolve().parent)) + "\n"
+    beside = os.path.relpath(spec.file.resolve().parent, out.resolve().parent)
+    content = "\n".join(draft.lines(beside)) + "\n"
     write_text(out, content)
     missing = [line.strip(" #") for line in content.splitlines() if "# not found" in line]
     return [str(out), *(f"  not found: {line.partition(':')[0]}" for line in missing)]
@@ -84,8 +85,8 @@ class Draft:
     parcel_fields: Sequence[str] | None
     tables: bool
 
-    def lines(self, folder: Path) -> Iterator[str]:
-        """Lines of a mapping file that reads as `mapping`; paths are relative to `folder`."""
+    def lines(self, beside: str) -> Iterator[str]:
+        """Lines of a mapping file that reads as `mapping`, whose paths begin at `beside`."""
         places = _TABLE_NOTES if self.tables else {}
         yield f"# {self.title}"
         yield "# Remove the # of a line to use it, and correct names and units."
@@ -93,11 +94,11 @@ class Draft:
             yield f"time_s: {self.mapping.time_s!r}"
         elif self.tables:
             yield "# time_s: 0.001"
-        yield from _section("cells", self.mapping.cells, places | _GAS_NOTES, self.fields, folder)
+        yield from _section("cells", self.mapping.cells, places | _GAS_NOTES, self.fields, beside)
         if self.parcel_fields is not None or self.tables:
             notes = {k: v for k, v in places.items() if k == "position"} | _PARCEL_NOTES
             parcels = self.mapping.parcels or ParcelColumns()
-            yield from _section("parcels", parcels, notes, self.parcel_fields or (), folder)
+            yield from _section("parcels", parcels, notes, self.parcel_fields or (), beside)
 
 
 def _section(
@@ -105,11 +106,11 @@ def _section(
     mapping: CellColumns | ParcelColumns,
     notes: dict[str, str],
     available: Sequence[str],
-    folder: Path,
+    beside: str,
 ) -> Iterator[str]:
     body = []
     if mapping.file is not None:
-        body.append(f"  file: {yaml_value(os.path.relpath(mapping.file, folder))}")
+        body.append(f"  file: {yaml_value(os.path.normpath(Path(beside, mapping.file)))}")
     for key in ("delimiter", "decimal", "header_line"):
         if key in mapping.model_fields_set and (value := getattr(mapping, key)) is not None:
             body.append(f"  {key}: {yaml_value(value)}")
@@ -154,9 +155,8 @@ def _of_case(spec: CfdSpray) -> Draft:
         raise SprayError(f"{spec.file}: cldit's own file needs no mapping")
     listing = contents(spec)
     if kind == "tables":
-        mapping, parcels = _absolute(read_column_map(spec.file), spec.file.resolve().parent), None
-        if mapping.parcels is not None:
-            parcels = listing.clouds.get("parcels", ())
+        mapping = read_column_map(spec.file)
+        parcels = None if mapping.parcels is None else listing.clouds.get("parcels", ())
     else:
         clouds = listing.clouds if spec.cloud != NO_CLOUD else {}
         chosen = choose_cloud(str(spec.file), clouds, spec.cloud)
@@ -174,20 +174,10 @@ def _of_case(spec: CfdSpray) -> Draft:
     return Draft(title, mapping, listing.fields, parcels, kind == "tables")
 
 
-def _absolute(mapping: ColumnMap, folder: Path) -> ColumnMap:
-    """Mapping with absolute paths of its tables."""
-    placed = {
-        name: part.model_copy(update={"file": folder / part.file})
-        for name, part in (("cells", mapping.cells), ("parcels", mapping.parcels))
-        if part is not None and part.file is not None
-    }
-    return mapping.model_copy(update=placed)
-
-
 def _of_table(spec: CfdSpray) -> Draft:
     """Draft of a mapping for tables, from the names of one table."""
     file = spec.file.resolve()
-    names = table_names(file, CellColumns())
+    names, place = table_names(file, CellColumns()), Path(file.name)
     fuel_name = normalised(spec.fuel_field)
     mass_fraction = "{0} y{0} massfractionof{0} massfrac{0} {0}massfraction"
     mole_fraction = "molefractionof{0} {0}molefraction molef{0} x{0}"
@@ -211,10 +201,10 @@ def _of_table(spec: CfdSpray) -> Draft:
         for key, alternative in PAIRS:
             if key in parcels:
                 parcels.pop(alternative, None)
-        mapping = ColumnMap(parcels=ParcelColumns(file=file, **parcels))
+        mapping = ColumnMap(parcels=ParcelColumns(file=place, **parcels))
         return Draft(title, mapping, [], names, tables=True)
     cells = scalars({**GAS, "fuel": fuel})
     cells |= {"position": vector("position"), "size": vector("size")}
     if cells["size"] is not None:
         cells.pop("volume", None)
-    return Draft(title, ColumnMap(cells=CellColumns(file=file, **cells)), names, [], tables=True)
+    return Draft(title, ColumnMap(cells=CellColumns(file=place, **cells)), names, [], tables=True)

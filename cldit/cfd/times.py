@@ -35,6 +35,14 @@ def choose_time(source: str, times: Iterable[float], requested: CaseTime | None)
     return best
 
 
+def stated_time(source: str, times: Iterable[float], requested: CaseTime | None) -> float | None:
+    """Returns `choose_time` of the times that a case states; None if it states none."""
+    steps = list(times)
+    if not steps and requested not in (None, "latest"):
+        raise SprayError(f"{source}: does not state its time; remove spray.time_s")
+    return choose_time(source, steps, requested) if steps else None
+
+
 def choose_times(
     source: str, times: Iterable[float], requested: str | Sequence[CaseTime]
 ) -> tuple[float, ...]:

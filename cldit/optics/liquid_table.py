@@ -1,6 +1,5 @@
 """Users' refractive indices: CSV with three columns, or YAML of refractiveindex.info."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,11 @@ from cldit.arrays import Floats
 from cldit.errors import FileError, OpticsError
 from cldit.io.files import read_text
 from cldit.io.plain_data import parse_yaml
+from cldit.io.text_tables import number_table, split_cells
 from cldit.optics.liquid import Liquid, Table
 
 _UNIT_UM = (0.1, 200.0)  # wavelengths outside this are in another unit
-_COLUMNS = ("wavelength_um", "n", "k")
+_COLUMNS = ["wavelength_um", "n", "k"]
 
 
 def read_liquid_table(path: Path) -> Liquid:
@@ -43,22 +43,17 @@ def read_liquid_table(path: Path) -> Liquid:
 
 
 def _from_csv(content: str, path: Path) -> Table:
-    rows: list[list[float]] = []
-    lines = [line for line in content.splitlines() if line.strip() and line.lstrip()[0] != "#"]
-    for place, row in enumerate(csv.reader(lines)):
-        try:
-            rows.append([float(cell) for cell in row])
-        except ValueError:
-            heading = tuple(cell.strip() for cell in row)
-            if place > 0:
-                raise OpticsError(f"{path}: {','.join(row)} is not three numbers") from None
-            if heading[:3] != _COLUMNS:
-                raise OpticsError(
-                    f"{path}: columns {', '.join(heading)}; allowed: {', '.join(_COLUMNS)}"
-                ) from None
-    if any(len(row) != 3 for row in rows):
-        raise OpticsError(f"{path}: every line must have {', '.join(_COLUMNS)}")
-    return _table(np.array(rows, dtype=float).reshape(-1, 3), path)
+    allowed = f"allowed: {', '.join(_COLUMNS)} in a line"
+    try:
+        table = number_table("\n".join(line.split("#")[0] for line in content.splitlines()))
+    except ValueError as error:
+        raise OpticsError(f"{path}: {error}; {allowed}") from error
+    names = [name for line in table.header for name in split_cells(line)[0]]
+    if names not in ([], _COLUMNS):
+        raise OpticsError(f"{path}: columns {', '.join(names)}; {allowed}")
+    if any(row.label is not None or len(row.values) != 3 for row in table.rows):
+        raise OpticsError(f"{path}: not three numbers in a line; {allowed}")
+    return _table(np.array([row.values for row in table.rows]), path)
 
 
 def _from_yaml(content: str, path: Path) -> tuple[Table, str, float | None]:
@@ -87,8 +82,7 @@ def _from_yaml(content: str, path: Path) -> tuple[Table, str, float | None]:
                 "tabulated k, formula 1 and formula 2"
             )
     if n is None or k is None:
-        hint = "; cldit.optics.kramers_kronig.n_from_k computes n from k" if n is None else ""
-        raise OpticsError(f"{path}: has no {'n' if n is None else 'k'}{hint}")
+        raise OpticsError(f"{path}: has no {'n' if n is None else 'k'}")
     wavelength, absorbed = k
     if isinstance(n, dict):
         real = _sellmeier(n, wavelength, path)

@@ -17,10 +17,9 @@ from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Spray
-from tests.unit.cfd.composites import write_cgns
+from tests.unit.cfd.composites import write_format
 from tests.unit.cfd.conftest import Block, Foam
-from tests.unit.cfd.formats.conftest import WRITERS
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
+from tests.unit.cfd.test_damage import cut, flip
 
 FORMATS = ("openfoam", "vtk", "ensight-ascii", "cgns", "tables")
 TEXTS = ("openfoam", "ensight-ascii", "tables")  # of lines; the others of numbers of eight bytes
@@ -78,30 +77,6 @@ class Jet(Foam):
         return block, gas, cloud
 
 
-def _write(kind: str, folder: Path, jet: Jet) -> Path:
-    block, gas, cloud = jet.sample()
-    if kind == "openfoam":
-        return jet.write(folder, block, gas=gas, cloud=cloud)
-    if kind == "vtk":
-        save(folder / "gas.vtu", block_grid(block, gas))
-        save(folder / "drops.vtp", cloud_data(cloud))
-        return folder
-    if kind == "cgns":
-        folder.mkdir()
-        return write_cgns(folder / "gas.cgns", jet.sample())
-    return WRITERS[kind][0](folder, jet.sample())
-
-
-def _flip(whole: bytes, random: Random, _: bool) -> bytes:
-    content, place = bytearray(whole), int(random.integers(0, 8 * len(whole)))
-    content[place // 8] ^= 1 << place % 8
-    return bytes(content)
-
-
-def _cut(whole: bytes, random: Random, _: bool) -> bytes:
-    return whole[: int(random.integers(0, len(whole)))].rstrip(b"\r\n")
-
-
 def _parts(whole: bytes, text: bool) -> list[bytes]:
     if text:
         return whole.splitlines(keepends=True)
@@ -124,8 +99,8 @@ def _swap(whole: bytes, random: Random, text: bool) -> bytes:
 
 
 CHANGES: dict[str, Callable[[bytes, Random, bool], bytes]] = {
-    "flip": _flip,
-    "truncate": _cut,
+    "flip": lambda whole, random, _: flip(whole, int(random.integers(0, 8 * len(whole)))),
+    "truncate": lambda whole, random, _: cut(whole, 8 * int(random.integers(0, len(whole)))),
     "double": _double,
     "swap rows": _swap,
 }
@@ -153,7 +128,7 @@ def fuzz(kind: str, each: int, seed: int = 1) -> dict[str, Counter[str]]:
     counts: dict[str, Counter[str]] = {}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "case"
-        spec = CfdSpray(file=_write(kind, folder, Jet()), **PLACE)
+        spec = CfdSpray(file=write_format(kind, folder, Jet().sample()), **PLACE)
         sound = read_cfd(spec)
         kept = (".yaml", ".case")  # names, units and times that nothing else states
         files = [f for f in sorted(folder.rglob("*")) if f.is_file() and f.suffix not in kept]
@@ -173,7 +148,7 @@ def fuzz(kind: str, each: int, seed: int = 1) -> dict[str, Counter[str]]:
         for number in range(each):
             unit = units[number % len(units)]
             shutil.rmtree(folder)
-            _write(kind, folder, Jet(change=unit))
+            write_format(kind, folder, Jet(change=unit).sample())
             result = _outcome(spec, sound)
             counts["units"][result] += 1
             if result == "silent":

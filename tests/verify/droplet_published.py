@@ -1,4 +1,5 @@
-"""Measured evaporation of single n-heptane droplets: a few points of each source, as printed."""
+"""Evaporation of single n-heptane droplets: a few points of each measurement, as printed, and
+figures of another program."""
 
 from __future__ import annotations
 
@@ -74,3 +75,29 @@ SUSPENDED = (
         diameter2_mm2=(1.62, 1.23, 0.84, 0.47),
     ),
 )
+
+# Computed by another program with the NSRDS fits of n-heptane: wet bulb, K, and steady K, mm2/s.
+# The fits and CoolProp differ by up to 1 % in psat, which is 0.3 K, and L, which is 1 % of K.
+WET_BULB = [
+    (0.15e6, 300.0, (288.7, 0.009), (280.0, 0.015), 0.015),
+    (0.15e6, 573.0, (343.0, 0.154), (330.8, 0.291), 0.218),
+    (0.15e6, 620.0, (345.7, 0.178), (334.6, 0.363), 0.261),
+    (0.30e6, 500.0, (355.9, 0.114), (340.2, 0.188), 0.153),
+    (0.60e6, 573.0, (386.0, 0.162), (369.3, 0.292), 0.223),
+    (0.90e6, 300.0, (297.3, 0.002), (293.3, 0.005), 0.005),
+    (0.90e6, 620.0, (406.0, 0.198), (389.0, 0.380), 0.279),
+]
+
+# Life and half of the mass, us, of 9 um at 370 K, at rest, computed by another program with the
+# NSRDS fits: A-S, Dukowicz, Dukowicz with ln(1 + B)/B, finite conductivity. Vapour pressures that
+# differ by 1 % shift these by as much.
+LIVES = [
+    (0.15e6, 300.0, (6792, 3552, 3682, 6901), (1270, 484, 529, 1380)),
+    (0.15e6, 400.0, (1129, 693, 803, 1140), (290, 134, 173, 301)),
+    (0.15e6, 573.0, (470, 225, 312, 473), (147, 56, 87, 151)),
+    (0.15e6, 620.0, (413, 183, 265, 415), (133, 48, 77, 135)),
+    (0.60e6, 400.0, (1683, 1005, 1112, 1684), (567, 288, 328, 568)),
+    (0.60e6, 573.0, (534, 276, 361, 534), (213, 102, 133, 212)),
+    (0.90e6, 300.0, (30819, 11752, 11880, 30945), (9681, 3079, 3126, 9807)),
+    (0.90e6, 620.0, (473, 237, 316, 473), (204, 99, 129, 203)),
+]

@@ -19,10 +19,12 @@ from cldit.spray.droplet.advance import Advance, DropletStates, DropletSurroundi
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
 from cldit.spray.droplet.models import MODELS, Model, inert
-from cldit.spray.droplet.rates import Drop, rates
+from cldit.spray.droplet.rates import Drop
 from tests.kernels.droplet_twin import Properties
 from tests.kernels.droplet_twin import film_on_device as film
 from tests.verify.droplet_convergence import CASES, error_of, integrated, reference
+from tests.verify.droplet_published import LIVES
+from tests.verify.droplet_verification import wet_bulb
 
 
 @cache
@@ -150,18 +152,8 @@ def test_thermal_relaxation(follow: Follow) -> None:
 
 def viscosity(kernels: Makes) -> float:
     """Of the film that the integrator sees in gas at the liquid's temperature and 1 kPa vapour."""
-    one = np.ones(1)
-    state = film(
-        Drop(
-            9e-6 * one,
-            250.0 * one,
-            250.0 * one,
-            1e5 * one,
-            0 * one,
-            0 * one,
-        ),
-        kernels(inert),
-    )
+    at = Drop(*(np.array([v]) for v in (9e-6, 250.0, 250.0, 1e5, 0.0, 0.0)))
+    state = film(at, kernels(inert))
     return float(state.viscosity_Pa_s[0])
 
 
@@ -213,34 +205,15 @@ def test_drag_beyond_stokes(follow: Follow, kernels: Makes, speed: float) -> Non
 def test_at_the_wet_bulb_the_temperature_stays(follow: Follow, kernels: Makes) -> None:
     """Isothermal identity: at rest neither rate depends on size, so no life of it warms a droplet.
     The wet bulb is found to 1e-9 K."""
-    low, high = 300.0, 440.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        at = Drop(
-            *(np.array([v]) for v in (9e-6, middle, 573.0, 0.6e6, 0.0, 0.0)),
-        )
-        low, high = (middle, high) if rates(at, kernels(FIRST)).heat_W[0] > 0 else (low, middle)
-    start = droplets(liquid_K=low)
+    warm, _ = wet_bulb(kernels(FIRST), gas_K=573.0, pressure_Pa=0.6e6)
+    start = droplets(liquid_K=warm)
     found = follow(start, around(), 4e-4)
     assert found.droplets.mass_kg[0] < 0.2 * start.mass_kg[0]
-    assert found.droplets.temperature_K[0] == pytest.approx(low, abs=1e-8)
+    assert found.droplets.temperature_K[0] == pytest.approx(warm, abs=1e-8)
 
 
 # --- independent figures --------------------------------------------------------------------------
 
-# Life and half of the mass, us, of 9 um at 370 K, at rest, computed by another program with the
-# NSRDS fits: A-S, Dukowicz, Dukowicz with ln(1 + B)/B, finite conductivity. Vapour pressures that
-# differ by 1 % shift these by as much.
-LIVES = [
-    (0.15e6, 300.0, (6792, 3552, 3682, 6901), (1270, 484, 529, 1380)),
-    (0.15e6, 400.0, (1129, 693, 803, 1140), (290, 134, 173, 301)),
-    (0.15e6, 573.0, (470, 225, 312, 473), (147, 56, 87, 151)),
-    (0.15e6, 620.0, (413, 183, 265, 415), (133, 48, 77, 135)),
-    (0.60e6, 400.0, (1683, 1005, 1112, 1684), (567, 288, 328, 568)),
-    (0.60e6, 573.0, (534, 276, 361, 534), (213, 102, 133, 212)),
-    (0.90e6, 300.0, (30819, 11752, 11880, 30945), (9681, 3079, 3126, 9807)),
-    (0.90e6, 620.0, (473, 237, 316, 473), (204, 99, 129, 203)),
-]
 ORDER = ("abramzon-sirignano", "dukowicz", "dukowicz-log", "frolov-type")
 
 

@@ -24,7 +24,7 @@ from cldit.cfd.mesh.elements import ElementMesh, block_corners
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.times import CaseTime, stated_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -100,9 +100,7 @@ def _time(path: Path, root: Any, requested: CaseTime | None) -> float | None:
     ]
     if len(set(times)) > 1:
         raise SprayError(f"{path}: {len(set(times))} times in it; export one: {_WAY}")
-    if not times and requested not in (None, "latest"):
-        raise SprayError(f"{path}: does not state its time; remove spray.time_s")
-    return choose_time(str(path), times, requested) if times else None
+    return stated_time(str(path), times, requested)
 
 
 def _size(path: Path, root: Any) -> Size:

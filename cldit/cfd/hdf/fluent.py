@@ -19,6 +19,7 @@ from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
+from cldit.cfd.times import stated_time
 from cldit.errors import SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
@@ -44,8 +45,7 @@ def is_fluent(path: Path) -> bool:
 def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads the pair NAME.cas.h5 and NAME.dat.h5, of which the scene names one."""
     path = spec.file
-    if spec.time_s not in (None, "latest"):
-        raise SprayError(f"{path}: does not state its time; remove spray.time_s")
+    stated_time(str(path), (), spec.time_s)
     refuse_cloud(spec)
     case, data = pair(path)
     with open_hdf(case) as file:

@@ -22,7 +22,7 @@ from cldit.cfd.size import Size, check_room
 from cldit.cfd.tables.dpm import dpm_columns, dpm_names
 from cldit.cfd.tables.parquet import parquet_columns, parquet_names, parquet_numbers, parquet_rows
 from cldit.cfd.tables.text import numbers_in, text_columns, text_names
-from cldit.cfd.times import choose_time
+from cldit.cfd.times import stated_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -42,10 +42,7 @@ def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     watch(f"reading {file.name}", 0, 1)
     source = load_table(file, mapping.cells)
     position, edges = _boxes(source, mapping.cells)
-    if mapping.time_s is not None:
-        choose_time(str(path), [mapping.time_s], spec.time_s)
-    elif spec.time_s is not None:
-        raise SprayError(f"{path}: does not state its time (time_s); remove spray.time_s")
+    stated_time(str(path), [] if mapping.time_s is None else [mapping.time_s], spec.time_s)
     if spec.cloud not in (None, NO_CLOUD, "parcels"):
         raise SprayError(f"{path}: no cloud {spec.cloud!r} (spray.cloud); available: parcels")
     drops = None if spec.cloud == NO_CLOUD else mapping.parcels

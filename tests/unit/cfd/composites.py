@@ -9,8 +9,10 @@ import h5py
 import numpy as np
 import yaml
 
-from cldit.io.vtk_files import HEXAHEDRON, Grid, Points
-from tests.unit.cfd.test_vtk import block_grid, cloud_data
+from tests.unit.cfd.conftest import Form, write_case
+from tests.unit.cfd.formats.conftest import WRITERS, write_tables
+from tests.unit.cfd.formats.test_fluent import write_fluent
+from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
 
 
 def write_hdf(file: Path, blocks: dict[str, Any]) -> Path:
@@ -41,11 +43,7 @@ def write_hdf(file: Path, blocks: dict[str, Any]) -> Path:
 def write_hdf_steps(file: Path, sample: Any, times: list[float]) -> Path:
     """A mesh that stays, and fields for each time, as "Temporal data" of VTK's documentation."""
     block, gas, _ = sample
-    grid = block_grid(block, gas)
-    from vtkmodules.util import numpy_support
-
-    convert: Any = numpy_support.vtk_to_numpy
-    nodes = convert(grid.GetCells().GetConnectivityArray())
+    nodes = block.hexahedra.reshape(-1)
     cells, points = block.cells, len(block.points)
     with h5py.File(file, "w") as root:
         held = root.create_group("VTKHDF")
@@ -79,10 +77,7 @@ def write_hdf_steps(file: Path, sample: Any, times: list[float]) -> Path:
 def write_cgns(file: Path, sample: Any, *, points: bool = False) -> Path:
     """Hexahedra in one zone, fields in cells or at points, under the names of the standard."""
     block, gas, _ = sample
-    from vtkmodules.util import numpy_support
-
-    convert: Any = numpy_support.vtk_to_numpy
-    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray())
+    nodes = block.hexahedra.reshape(-1)
     names = {"T": "Temperature", "p": "Pressure", "rho": "Density"}
     fields = {
         names.get(name, name): np.full(len(block.points), values.mean()) if points else values
@@ -144,74 +139,50 @@ def _zone(
     return file
 
 
-def cloud_block(sample: Any) -> Any:
-    """The parcels as vtk's poly data."""
-    return cloud_data(sample[2])
-
-
-def write_own_hdf(file: Path, sample: Any) -> Path:
-    """A partitioned collection of which each chunk is packed and has a checksum."""
-    from vtkmodules.util import numpy_support
-
-    block, gas, cloud = sample
-    convert: Any = numpy_support.vtk_to_numpy
-    nodes = convert(block_grid(block, {}).GetCells().GetConnectivityArray()).reshape(-1, 8)
-    drops = {name: values for name, values in cloud.items() if name != "position"}
-    blocks: dict[str, Grid | Points] = {
-        "gas": Grid(block.points, nodes, HEXAHEDRON, gas),
-        "parcels": Points(cloud["position"], drops),
-    }
-    with h5py.File(file, "w") as stream:
-        root = stream.create_group("VTKHDF", track_order=True)
-        _kind(root, "PartitionedDataSetCollection")
-        names = root.create_group("Assembly", track_order=True)
-        for number, (name, data) in enumerate(blocks.items()):
-            group = root.create_group(name, track_order=True)
-            group.attrs["Index"] = np.int64(number)
-            _put(group, data)
-            names[name] = h5py.SoftLink(f"/VTKHDF/{name}")
+def with_checksums(file: Path) -> Path:
+    """The same file of HDF5, of which each chunk is packed and has a checksum."""
+    sound = file.with_name(f"unpacked-{file.name}")
+    file.rename(sound)
+    with h5py.File(sound, "r+") as old:
+        arrays: list[str] = []
+        old.visititems(lambda name, node: arrays.append(name) if node_is_array(node) else None)
+        for name in arrays:
+            values = old[name][()]
+            del old[name]
+            old.create_dataset(name, data=values, compression="gzip", fletcher32=True)
+        with h5py.File(file, "w") as new:
+            old.copy("VTKHDF", new)  # without what was deleted
+    sound.unlink()
     return file
 
 
-def _kind(group: Any, kind: str) -> None:
-    group.attrs["Version"] = np.array([2, 1], np.int64)
-    # fixed length, required by VTK's reader
-    text = h5py.string_dtype("ascii", len(kind))
-    group.attrs.create("Type", kind.encode("ascii"), dtype=text)
+def node_is_array(node: Any) -> bool:
+    return isinstance(node, h5py.Dataset) and node.size > 0 and node.ndim > 0
 
 
-def _put(group: Any, data: Grid | Points) -> None:
-    def put(parent: Any, name: str, values: Any) -> None:
-        packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "fletcher32": True}
-        if not values.size:
-            packed = {}
-        parent.create_dataset(name, data=values, **packed)
-
-    def cells(parent: Any, nodes: Any, each: int) -> None:
-        count = len(nodes) // each
-        put(parent, "NumberOfCells", np.array([count]))
-        put(parent, "NumberOfConnectivityIds", np.array([len(nodes)]))
-        put(parent, "Connectivity", nodes)
-        put(parent, "Offsets", np.arange(0, len(nodes) + each, each))
-
-    grid = isinstance(data, Grid)
-    _kind(group, "UnstructuredGrid" if grid else "PolyData")
-    put(group, "NumberOfPoints", np.array([len(data.points_m)]))
-    put(group, "Points", data.points_m)
-    if isinstance(data, Grid):
-        cells(group, data.nodes.reshape(-1), 8)
-        put(group, "Types", np.full(len(data.nodes), data.kind, np.uint8))
-    else:
-        cells(group.create_group("Vertices"), np.arange(len(data.points_m)), 1)
-        for name in ("Lines", "Polygons", "Strips"):
-            cells(group.create_group(name), np.zeros(0, np.int64), 1)
-    for name, fields in (
-        ("CellData" if grid else "PointData", data.fields),
-        ("FieldData", data.about),
-    ):
-        held = group.create_group(name)
-        for key, values in fields.items():
-            put(held, key, values)
+def write_format(kind: str, folder: Path, sample: Any) -> Path:
+    """The sample in any format, and what names it as a case."""
+    block, gas, cloud = sample
+    if kind in WRITERS:
+        return WRITERS[kind][0](folder, sample)
+    if kind.startswith("openfoam"):
+        form = Form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
+        return write_case(folder, block, gas=gas, cloud=cloud, form=form)
+    folder.mkdir(parents=True, exist_ok=True)
+    if kind.startswith("vtk") and "hdf" not in kind:
+        legacy = ".vtk" if kind.endswith("legacy") else ""
+        save(folder / f"gas{legacy or '.vtu'}", block_grid(block, gas))
+        save(folder / f"spray{legacy or '.vtp'}", cloud_data(cloud))
+        return folder
+    if kind == "fluent":
+        return write_fluent(folder, sample)
+    if kind == "cgns":
+        return write_cgns(folder / "a.cgns", sample)
+    if kind == "parquet":
+        return in_parquet(write_tables(folder, sample))
+    blocks = {"gas": block_grid(block, gas), "drops": cloud_data(cloud)}
+    file = write_hdf(folder / "a.vtkhdf", blocks)
+    return file if kind == "vtkhdf-by-vtk" else with_checksums(file)
 
 
 def in_parquet(mapping: Path) -> Path:

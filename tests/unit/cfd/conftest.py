@@ -8,9 +8,9 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -62,6 +62,16 @@ class Block:
     @property
     def cells(self) -> int:
         return int(np.prod(self.shape))
+
+    @property
+    def hexahedra(self) -> NDArray[np.int64]:
+        """Corners (N, 8) of the cells in the order of EnSight and vtk."""
+        nx, ny, nz = self.shape
+        corner = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nz + 1, ny + 1, nx + 1)
+        low, high = slice(None, -1), slice(1, None)
+        ring = [(low, low), (low, high), (high, high), (high, low)]
+        layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
+        return np.stack(layers, axis=-1).reshape(-1, 8)
 
     @property
     def volume(self) -> Array:
@@ -217,6 +227,11 @@ class Foam:
     form: type[Form] = Form
     write: Callable[..., Path] = write_case
 
+    def case(self, folder: Path, **keys: Any) -> Path:
+        """The sample as a case; `keys` of `write_case` come before its own gas and cloud."""
+        block, gas, cloud = self.sample()
+        return self.write(folder, block, **({"gas": gas, "cloud": cloud} | keys))
+
     def sample(self, shear: float = 0.0) -> tuple[Block, dict[str, Array], dict[str, Array]]:
         """Block of 3 x 4 x 2 uneven cells, gas and 17 parcels, the same every time."""
         random = np.random.default_rng(7)
@@ -245,6 +260,4 @@ class Foam:
         return block, gas, cloud
 
 
-@pytest.fixture
-def foam() -> Foam:
-    return Foam()
+foam = Foam()

@@ -103,12 +103,7 @@ def random_case(random: Random) -> Case:
         _single(np.cumsum([random.uniform(-4e-3, 0), *random.uniform(1e-3, 3e-3, count)]))
         for count in random.integers(2, 5, 3)
     ]
-    return random_fields(Block((edges[0], edges[1], edges[2])), random)
-
-
-def random_fields(block: Block, random: Random) -> Case:
-    """Gas and parcels in a block."""
-    edges = block.edges
+    block = Block((edges[0], edges[1], edges[2]))
     many = int(random.integers(1, 31))
     low, high = np.array([e[0] for e in edges]), np.array([e[-1] for e in edges])
     inside = 1e-4 * (high - low)  # a place that is rounded stays in the mesh

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
-from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.composites import write_cgns
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import notes_of, read, refused
 
 h5py = pytest.importorskip("h5py")
 
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
 
-HERE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 ZONE = "Base/Zone"
 
 
@@ -79,32 +75,29 @@ def changed(path: Path, block: Any, kind: str) -> Path:
 @pytest.mark.parametrize("points", [False, True])
 @pytest.mark.parametrize("kind", ["polyhedra", "mixed"])
 def test_cells_of_another_section_are_the_same_cells(
-    tmp_path: Path, foam: Foam, kind: str, points: bool
+    tmp_path: Path, kind: str, points: bool
 ) -> None:
     sample = foam.sample()
-    whole = read_cfd(
-        CfdSpray(file=write_cgns(tmp_path / "a.cgns", sample, points=points), **HERE)
-    ).notes
+    whole = notes_of(write_cgns(tmp_path / "a.cgns", sample, points=points))
     path = changed(write_cgns(tmp_path / "b.cgns", sample, points=points), sample[0], kind)
-    assert read_cfd(CfdSpray(file=path, **HERE)).notes == pytest.approx(whole, rel=1e-12)
+    assert notes_of(path) == pytest.approx(whole, rel=1e-12)
 
 
-def test_a_mesh_in_another_file(tmp_path: Path, foam: Foam) -> None:
+def test_a_mesh_in_another_file(tmp_path: Path) -> None:
     sample = foam.sample()
     mesh = write_cgns(tmp_path / "mesh.cgns", sample)
-    whole = read_cfd(CfdSpray(file=mesh, **HERE)).notes
+    whole = notes_of(mesh)
     path = write_cgns(tmp_path / "result.cgns", sample)
     with h5py.File(path, "a") as file:
         for name in ("GridCoordinates", "Hexahedra"):
             del file[f"{ZONE}/{name}"]
             link = node(file[ZONE], name, "", form="LK")
             link[" link"] = h5py.ExternalLink("mesh.cgns", f"/{ZONE}/{name}")
-    found = read_cfd(CfdSpray(file=path, **HERE))
+    found = read(path)
     assert found.notes == whole
     assert {Path(file.path).name for file in found.files} == {"mesh.cgns", "result.cgns"}
     mesh.rename(tmp_path / "gone.cgns")
-    with pytest.raises(SprayError, match=r"mesh\.cgns"):
-        read_cfd(CfdSpray(file=path, **HERE))
+    refused(path, r"mesh\.cgns")
 
 
 @pytest.mark.parametrize(
@@ -116,9 +109,7 @@ def test_a_mesh_in_another_file(tmp_path: Path, foam: Foam) -> None:
         ("A", lambda values: values[:-1], "offsets 0 to .* numbers"),
     ],
 )
-def test_damaged_polyhedra(
-    tmp_path: Path, foam: Foam, name: str, change: Any, message: str
-) -> None:
+def test_damaged_polyhedra(tmp_path: Path, name: str, change: Any, message: str) -> None:
     sample = foam.sample()
     path = changed(write_cgns(tmp_path / "a.cgns", sample), sample[0], "polyhedra")
     with h5py.File(path, "a") as file:
@@ -126,11 +117,10 @@ def test_damaged_polyhedra(
         values = change(data[" data"][()])
         del data[" data"]
         data[" data"] = values
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **HERE))
+    refused(path, message)
 
 
-def test_dimensions_of_another_quantity(tmp_path: Path, foam: Foam) -> None:
+def test_dimensions_of_another_quantity(tmp_path: Path) -> None:
     path = write_cgns(tmp_path / "a.cgns", foam.sample())
     for powers in ([1, -1, -2, 0, 0], [0, 2, -2, 0, 0]):
         with h5py.File(path, "a") as file:
@@ -138,8 +128,5 @@ def test_dimensions_of_another_quantity(tmp_path: Path, foam: Foam) -> None:
             field.pop("DimensionalExponents", None)
             node(field, "DimensionalExponents", "DimensionalExponents_t", powers)
         if powers[0]:
-            read_cfd(CfdSpray(file=path, **HERE))
-    with pytest.raises(
-        SprayError, match=r"Pressure: cells\.pressure: unit '\[0, 2, -2, 0, 0\]' is"
-    ):
-        read_cfd(CfdSpray(file=path, **HERE))
+            read(path)
+    refused(path, r"Pressure: cells\.pressure: unit '\[0, 2, -2, 0, 0\]' is")

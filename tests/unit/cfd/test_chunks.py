@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,14 +14,11 @@ from cldit.cfd.mesh.faces import join
 from cldit.cfd.openfoam import lists as foamlists
 from cldit.cfd.openfoam.file import FoamFile
 from cldit.cfd.openfoam.lists import faces, labels, scalars
-from cldit.cfd.to_spray import read_cfd
 from cldit.cfd.vtk import head
 from cldit.cfd.vtk.head import piece_counts
 from cldit.errors import SprayError
-from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import read, same
 
 CUBE = np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
 FACES = PolyhedronFaces(
@@ -50,23 +46,17 @@ def test_kinds_of_cells_agree() -> None:
 
 @pytest.mark.parametrize("at_once", [1, 5, 23])
 def test_number_of_cells_at_once_changes_nothing(
-    at_once: int, tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+    at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     block, gas, cloud = foam.sample(shear=0.3)
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
-    spec = CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="-y")
-    whole = read_cfd(spec)
+    whole = read(case)
     monkeypatch.setattr(meshes, "AT_ONCE", at_once)
-    some = read_cfd(spec)
-    assert whole.vapour is not None
-    assert some.vapour is not None
-    assert np.array_equal(some.vapour.cells.lower_m, whole.vapour.cells.lower_m)
-    assert np.array_equal(some.vapour.cells.upper_m, whole.vapour.cells.upper_m)
-    assert some.notes == whole.notes
+    assert same(read(case), whole)
 
 
 def test_cells_without_vapour_are_left_out_wherever_they_come(
-    tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before the first cell with much fuel it is not known yet that another has next to none."""
     block, gas, cloud = foam.sample()
@@ -74,7 +64,7 @@ def test_cells_without_vapour_are_left_out_wherever_they_come(
     gas["C7H16"][[1, 20]] = 1e-18, 0.2
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
     monkeypatch.setattr(meshes, "AT_ONCE", 4)
-    spray = read_cfd(CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="-y"))
+    spray = read(case)
     assert spray.notes["vapour_cells"] == 1.0
     assert spray.notes["gas_cells"] == 24.0
 

@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from cldit.cfd.importing import list_case
 from cldit.cfd.openfoam.regions import is_openfoam
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import read, refused, same
 
 HEAD = b"FoamFile { version 2.0; format binary; %s class decomposedBlockData; }\n// * //\n"
-
-
-def spec(case: Path) -> CfdSpray:
-    return CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="-y")
 
 
 def collate(parts: list[Path], folder: Path, *, headers: bool = False) -> None:
@@ -47,7 +39,7 @@ def collate(parts: list[Path], folder: Path, *, headers: bool = False) -> None:
         (folder / name).write_bytes(out)
 
 
-def decomposed(case: Path, foam: Foam, *, binary: bool, barycentric: str = "") -> list[Path]:
+def decomposed(case: Path, *, binary: bool, barycentric: str = "") -> list[Path]:
     """Three processors side by side; the spray has reached the last two."""
     block, gas, cloud = foam.sample()
     form = foam.form(binary=binary)
@@ -67,10 +59,10 @@ def decomposed(case: Path, foam: Foam, *, binary: bool, barycentric: str = "") -
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("folders", ["one", "two", "headers"])
 def test_it_is_the_decomposed_case(
-    tmp_path: Path, foam: Foam, folders: str, binary: bool, barycentric: str
+    tmp_path: Path, folders: str, binary: bool, barycentric: str
 ) -> None:
-    parts = decomposed(tmp_path / "apart", foam, binary=binary, barycentric=barycentric)
-    wanted = read_cfd(spec(tmp_path / "apart"))
+    parts = decomposed(tmp_path / "apart", binary=binary, barycentric=barycentric)
+    wanted = read(tmp_path / "apart")
     case = tmp_path / "together"
     if folders == "two":
         collate(parts[:1], case / "processors3_0-0")
@@ -78,54 +70,42 @@ def test_it_is_the_decomposed_case(
     else:
         collate(parts, case / "processors3", headers=folders == "headers")
     assert is_openfoam(case)
-    found = read_cfd(spec(case))
-    assert found.parcels is not None and wanted.parcels is not None
-    assert found.vapour is not None and wanted.vapour is not None
-    assert len(found.parcels.diameter_m) == 2 * 17
-    for name in ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3"):
-        np.testing.assert_array_equal(getattr(found.parcels, name), getattr(wanted.parcels, name))
-    for name in ("number_density_m3", "temperature_K"):
-        np.testing.assert_array_equal(getattr(found.vapour, name), getattr(wanted.vapour, name))
-    listed = "\n".join(list_case(spec(case)))
+    found = read(case)
+    assert found.notes["parcels"] == 2 * 17 and same(found, wanted)
+    listed = "\n".join(list_case(CfdSpray(file=case)))
     assert "C7H16" in listed and "sprayCloud" in listed
 
 
-def test_damaged_cases(tmp_path: Path, foam: Foam) -> None:
-    parts = decomposed(tmp_path / "apart", foam, binary=True)
+def test_damaged_cases(tmp_path: Path) -> None:
+    parts = decomposed(tmp_path / "apart", binary=True)
     case = tmp_path / "case"
     collate(parts, case / "processors3")
-
-    def refused(message: str) -> None:
-        with pytest.raises(SprayError, match=message):
-            read_cfd(spec(case))
 
     file = case / "processors3" / "0.001" / "T"
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) * 2 // 3])
-    refused(r"processors3/0.001/T: truncated or damaged: block \d does not end")
+    refused(case, r"processors3/0.001/T: truncated or damaged: block \d does not end")
     collate(parts[:2], case / "processors3")
     file.write_bytes(whole)
-    refused(r"truncated, or of fewer processors: 2 blocks, no block 2")
+    refused(case, r"truncated, or of fewer processors: 2 blocks, no block 2")
     shutil.rmtree(case)
     # A value, a NaN for instance, is told with the block that it is in.
     d = parts[1] / "0.001" / "lagrangian" / "sprayCloud" / "d"
     d.write_bytes(d.read_bytes().replace(b"17\n(", b"16\n("))
     collate(parts, case / "processors3")
-    refused(r"sprayCloud/d, block 1: truncated, or its header is wrong")
+    refused(case, r"sprayCloud/d, block 1: truncated, or its header is wrong")
     shutil.rmtree(case)
     collate(parts, case / "processors3_0-1")
-    refused(r"no folder for processor 2 of 3; it has processors3_0-1")
+    refused(case, r"no folder for processor 2 of 3; it has processors3_0-1")
     collate(parts, case / "processors4")
-    refused(r"decomposed in more than one way: processors3_0-1, processors4")
+    refused(case, r"decomposed in more than one way: processors3_0-1, processors4")
 
 
-def test_folder_and_file_must_agree(tmp_path: Path, foam: Foam) -> None:
-    parts = decomposed(tmp_path / "apart", foam, binary=False)
+def test_folder_and_file_must_agree(tmp_path: Path) -> None:
+    parts = decomposed(tmp_path / "apart", binary=False)
     collate(parts, tmp_path / "case" / "processors3")
     mesh = Path("constant") / "polyMesh" / "points"
     shutil.copy(parts[0] / mesh, tmp_path / "case" / "processors3" / mesh)
-    with pytest.raises(SprayError, match="points: is not collated, but in a folder"):
-        read_cfd(spec(tmp_path / "case"))
+    refused(tmp_path / "case", "points: is not collated, but in a folder")
     collate(parts[:1], parts[1])
-    with pytest.raises(SprayError, match="is collated, but not in a folder processorsN"):
-        read_cfd(spec(tmp_path / "apart"))
+    refused(tmp_path / "apart", "is collated, but not in a folder processorsN")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +16,8 @@ from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.load import dump_scene, parse_scene
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import read
 
 HEAD = "FoamFile { version 2.0; format ascii; class dictionary; object sprayCloudProperties; }\n"
 SPRAY = """
@@ -66,9 +65,8 @@ def test_turn_is_proper_and_takes_the_axis_down(axis: tuple[float, float, float]
 
 
 @pytest.mark.parametrize("models", FORMATS)
-def test_injector_of_the_dictionary(tmp_path: Path, foam: Foam, models: str) -> None:
-    block, gas, cloud = foam.sample()
-    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+def test_injector_of_the_dictionary(tmp_path: Path, models: str) -> None:
+    foam.case(tmp_path)
     file = written(tmp_path, models)
     spray = read_cfd(CfdSpray(file=tmp_path))
     assert [spray.notes[f"nozzle_{name}_m"] for name in "xyz"] == [0.001, 0.008, 0.0]
@@ -81,7 +79,7 @@ def test_injector_of_the_dictionary(tmp_path: Path, foam: Foam, models: str) -> 
 
 @pytest.mark.parametrize("axis", [(0, -1, 0), (1, 2, -3)])
 def test_boxes_keep_volume_centroid_and_proportions(
-    tmp_path: Path, foam: Foam, axis: tuple[float, float, float]
+    tmp_path: Path, axis: tuple[float, float, float]
 ) -> None:
     """The bounds of a cell in the case, here sheared, are turned with it."""
     block, gas, cloud = foam.sample(shear=0.3)
@@ -89,7 +87,7 @@ def test_boxes_keep_volume_centroid_and_proportions(
     case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
     nozzle = (0.5e-3, 9e-3, 0.1e-3)
     away = "none"  # parcels lie upstream for the oblique axis
-    vapour = read_cfd(CfdSpray(file=case, nozzle_m=nozzle, axis=axis, cloud=away)).vapour
+    vapour = read(case, nozzle_m=nozzle, axis=axis, cloud=away).vapour
     assert vapour is not None
     lower, upper = vapour.cells.lower_m, vapour.cells.upper_m
     turn = Frame(np.zeros(3), np.array(axis) / np.linalg.norm(axis), ()).rotation
@@ -101,9 +99,8 @@ def test_boxes_keep_volume_centroid_and_proportions(
     assert ratio == pytest.approx(np.tile(ratio[:, :1], 3), rel=1e-12)
 
 
-def test_ring_of_holes_makes_one_axis(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()
-    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+def test_ring_of_holes_makes_one_axis(tmp_path: Path) -> None:
+    foam.case(tmp_path)
     angles = np.radians(np.arange(0, 360, 45))
     holes = (
         f"hole{n} {{ position ({1e-4 * np.cos(a)} 0.008 {1e-4 * np.sin(a)}); "
@@ -132,9 +129,8 @@ def test_ring_of_holes_makes_one_axis(tmp_path: Path, foam: Foam) -> None:
         ("a { position (0 0 0); } } }", "sprayCloudProperties: brackets do not match"),
     ],
 )
-def test_dictionary_of_no_use(tmp_path: Path, foam: Foam, models: str, message: str) -> None:
-    block, gas, cloud = foam.sample()
-    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+def test_dictionary_of_no_use(tmp_path: Path, models: str, message: str) -> None:
+    foam.case(tmp_path)
     written(tmp_path, models)
     with pytest.raises(SprayError, match=message):
         read_cfd(CfdSpray(file=tmp_path))
@@ -154,7 +150,7 @@ def test_injectors_that_say_nothing_are_passed_over(tmp_path: Path, models: str)
     assert read_injectors(written(tmp_path, models)) == ()
 
 
-def _plume(foam: Foam, tilt_deg: float, age: bool) -> tuple[Any, Any, dict[str, Any]]:
+def _plume(tilt_deg: float, age: bool) -> tuple[Any, Any, dict[str, Any]]:
     """Parcels on straight paths from one point, within 10 degrees of an axis tilted from -y."""
     block, gas, _ = foam.sample()
     random = np.random.default_rng(11)
@@ -177,8 +173,8 @@ def _plume(foam: Foam, tilt_deg: float, age: bool) -> tuple[Any, Any, dict[str, 
 
 @pytest.mark.parametrize("age", [True, False])
 @pytest.mark.parametrize("tilt_deg", [0.0, 8.0, 30.0])
-def test_from_the_parcels(tmp_path: Path, foam: Foam, tilt_deg: float, age: bool) -> None:
-    block, gas, cloud = _plume(foam, tilt_deg, age)
+def test_from_the_parcels(tmp_path: Path, tilt_deg: float, age: bool) -> None:
+    block, gas, cloud = _plume(tilt_deg, age)
     foam.write(tmp_path, block, gas=gas, cloud=cloud)
     if not age:
         with pytest.raises(SprayError, match="has no age to trace parcels back with"):
@@ -200,15 +196,15 @@ def test_from_the_parcels(tmp_path: Path, foam: Foam, tilt_deg: float, age: bool
     assert spray.notes["liquid_penetration_95_m"] == pytest.approx(0.95 * 3.2e-3, rel=0.05)
 
 
-def test_tilted_axis_keeps_the_mass(tmp_path: Path, foam: Foam) -> None:
+def test_tilted_axis_keeps_the_mass(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path, block, gas=gas, cloud=cloud)
-    spray = read_cfd(CfdSpray(file=tmp_path, nozzle_m=(0, 9e-3, 0), axis=(1.0, -2.0, 0.5)))
+    spray = read(tmp_path, nozzle_m=(0, 9e-3, 0), axis=(1.0, -2.0, 0.5))
     mass = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
     assert spray.notes["vapour_mass_kg"] == pytest.approx(mass, rel=1e-11)
 
 
-def test_what_cannot_be_inferred(tmp_path: Path, foam: Foam) -> None:
+def test_what_cannot_be_inferred(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path / "gas", block, gas=gas)
     with pytest.raises(SprayError, match=r"it has no parcels.; set spray.nozzle_m and spray"):

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cldit.cfd.orientation import extrapolated
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
-from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import refused
 
 NOZZLE = np.array([1e-3, 50e-3, -2e-3])
 AXIS = np.array([0.0, -1.0, 0.0])
@@ -70,17 +66,16 @@ def test_few_parcels_have_a_large_error() -> None:
         ((0.0, 0.0, -90.0), "coordinates are metres$"),
     ],
 )
-def test_a_nozzle_far_away(
-    tmp_path: Path, foam: Foam, nozzle: tuple[float, float, float], hint: str
-) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
-    with pytest.raises(SprayError, match=rf"spray\.nozzle_m: .* m away from the case.*{hint}"):
-        read_cfd(CfdSpray(file=case, nozzle_m=nozzle, axis="-y"))
+def test_a_nozzle_far_away(tmp_path: Path, nozzle: tuple[float, float, float], hint: str) -> None:
+    case = foam.case(tmp_path)
+    refused(case, rf"spray\.nozzle_m: .* m away from the case.*{hint}", nozzle_m=nozzle, axis="-y")
 
 
-def test_liquid_upstream(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
-    with pytest.raises(SprayError, match=r"100 % of the liquid is upstream .* axis \(0, 1, 0"):
-        read_cfd(CfdSpray(file=case, nozzle_m=(0.5e-3, 9e-3, 0.1e-3), axis="+y"))
+def test_liquid_upstream(tmp_path: Path) -> None:
+    case = foam.case(tmp_path)
+    refused(
+        case,
+        r"100 % of the liquid is upstream .* axis \(0, 1, 0",
+        nozzle_m=(0.5e-3, 9e-3, 0.1e-3),
+        axis="+y",
+    )

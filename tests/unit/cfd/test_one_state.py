@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -14,23 +13,15 @@ from cldit.cfd.openfoam.file import read_foam
 from cldit.cfd.openfoam.lists import scalars, vectors
 from cldit.cfd.orientation import find_frame
 from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import notes_of, read, refused
 from tests.unit.cfd.test_vtk import block_grid, save
 
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-
-PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 CLOUD = "0.001/lagrangian/sprayCloud"
 
 
-def refused(path: Path, message: str, **keys: Any) -> None:
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **(PLACE | keys)))
-
-
-def test_parcels_that_occur_twice(tmp_path: Path, foam: Foam) -> None:
+def test_parcels_that_occur_twice(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     twice = {name: np.concatenate([values, values[3:5]]) for name, values in cloud.items()}
     refused(
@@ -38,11 +29,11 @@ def test_parcels_that_occur_twice(tmp_path: Path, foam: Foam) -> None:
         r"positions: 2 of 19 parcels occur twice, such as parcels 3 and 17",
     )
     born = twice | {"age": np.zeros(19)}
-    read_cfd(CfdSpray(file=foam.write(tmp_path / "two", block, gas=gas, cloud=born), **PLACE))
+    read(foam.write(tmp_path / "two", block, gas=gas, cloud=born))
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.0])
-def test_cells_of_two_pieces_that_overlap(tmp_path: Path, foam: Foam, shift: float) -> None:
+def test_cells_of_two_pieces_that_overlap(tmp_path: Path, shift: float) -> None:
     """Copies of cells have their centroids; cells of another grid contain some of the others."""
     block, gas, _ = foam.sample()
     width = float(block.edges[0][-1] - block.edges[0][0])
@@ -57,7 +48,7 @@ def test_cells_of_two_pieces_that_overlap(tmp_path: Path, foam: Foam, shift: flo
     refused(path, "covered by others, where" if shift else r"gas_1.vtu: 24 cells with fuel lie")
 
 
-def test_halo_cells(tmp_path: Path, foam: Foam) -> None:
+def test_halo_cells(tmp_path: Path) -> None:
     """Two processors share a layer of cells that no mark tells."""
     block, gas, _ = foam.sample()
     parts = ((slice(0, 3), slice(0, 2)), (slice(1, 4), slice(1, 3)))
@@ -69,7 +60,7 @@ def test_halo_cells(tmp_path: Path, foam: Foam) -> None:
     refused(tmp_path, r"processor1/constant/polyMesh: 8 cells with fuel lie where those of .*or0")
 
 
-def test_a_processor_is_missing(tmp_path: Path, foam: Foam) -> None:
+def test_a_processor_is_missing(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     for number in (0, 2):
         step = 0.1 * number
@@ -77,7 +68,7 @@ def test_a_processor_is_missing(tmp_path: Path, foam: Foam) -> None:
         foam.write(tmp_path / f"processor{number}", own, gas=gas)
     refused(tmp_path, "processor1 is missing")
     (tmp_path / "processor2").rename(tmp_path / "processor1")
-    read_cfd(CfdSpray(file=tmp_path, **PLACE))
+    read(tmp_path)
     boundary = tmp_path / "processor1/constant/polyMesh/boundary"
     patch = "1\n(\nto2 { type processor; neighbProcNo 2; nFaces 1; startFace 0; }\n)\n"
     foam.form().write(boundary, "polyBoundaryMesh", patch.encode())
@@ -85,7 +76,7 @@ def test_a_processor_is_missing(tmp_path: Path, foam: Foam) -> None:
 
 
 @pytest.mark.parametrize("binary", [False, True])
-def test_an_empty_list_is_its_count_alone(tmp_path: Path, foam: Foam, binary: bool) -> None:
+def test_an_empty_list_is_its_count_alone(tmp_path: Path, binary: bool) -> None:
     """As OpenFOAM writes lists of nothing in binary."""
     block, gas, cloud = foam.sample()
     form = foam.form(binary=binary)
@@ -97,7 +88,7 @@ def test_an_empty_list_is_its_count_alone(tmp_path: Path, foam: Foam, binary: bo
         if file.exists():
             kind = "vectorField" if name == "U" else "scalarField"
             form.write(file, "Cloud" if name == "positions" else kind, b"0")
-    assert read_cfd(CfdSpray(file=tmp_path, **PLACE)).notes["parcels"] == 17
+    assert notes_of(tmp_path)["parcels"] == 17
 
 
 @pytest.mark.parametrize(
@@ -109,20 +100,16 @@ def test_an_empty_list_is_its_count_alone(tmp_path: Path, foam: Foam, binary: bo
         (b"9" * 5000 + b"(1)", "a list of 99999999999999999999... entries"),
     ],
 )
-def test_small_files_that_hang_or_grow(
-    tmp_path: Path, foam: Foam, body: bytes, message: str
-) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+def test_small_files_that_hang_or_grow(tmp_path: Path, body: bytes, message: str) -> None:
+    case = foam.case(tmp_path)
     foam.form().write(case / CLOUD / "d", "scalarField", body)
     begin = time.monotonic()
     refused(case, message)
     assert time.monotonic() - begin < 20.0
 
 
-def test_comments_without_an_end(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+def test_comments_without_an_end(tmp_path: Path) -> None:
+    case = foam.case(tmp_path)
     head = b"injectionModel\n" + b"/* " * 300_000
     foam.form().write(case / "constant/sprayCloudProperties", "dictionary", head)
     begin = time.monotonic()
@@ -133,17 +120,14 @@ def test_comments_without_an_end(tmp_path: Path, foam: Foam) -> None:
     refused(case, "brackets do not match")
 
 
-def test_a_packed_field_of_blanks(
-    tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(gz=True))
+def test_a_packed_field_of_blanks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = foam.case(tmp_path, form=foam.form(gz=True))
     foam.form(gz=True).write(case / "0.001/T", "volScalarField", b" " * 100_000_000)
     monkeypatch.setattr("cldit.cfd.inputs.free_bytes", lambda: 100_000_000)
     refused(case, r"T.gz: more than 0\.0\d+ GB of content; allowed: up to a third of the 0\.1 GB")
 
 
-def late(foam: Foam, folder: Path, *, youngest_s: float) -> Path:
+def late(folder: Path, *, youngest_s: float) -> Path:
     """Parcels that drag slows, the youngest of the given age."""
     random = np.random.default_rng(2)
     edges = [np.linspace(*span) for span in ((-0.02, 0.02, 9), (-0.02, 0.1, 9), (-0.02, 0.02, 9))]
@@ -164,25 +148,25 @@ def late(foam: Foam, folder: Path, *, youngest_s: float) -> Path:
     return foam.write(folder, block, gas=gas, cloud=cloud)
 
 
-def test_the_nozzle_after_the_end_of_injection_is_asked_for(tmp_path: Path, foam: Foam) -> None:
-    ended = late(foam, tmp_path / "ended", youngest_s=2e-4)
+def test_the_nozzle_after_the_end_of_injection_is_asked_for(tmp_path: Path) -> None:
+    ended = late(tmp_path / "ended", youngest_s=2e-4)
     refused(ended, r"the nozzle cannot be inferred .*set spray\.nozzle_m", nozzle_m=None, axis=None)
-    spec = CfdSpray(file=late(foam, tmp_path / "going", youngest_s=0.0))
+    spec = CfdSpray(file=late(tmp_path / "going", youngest_s=0.0))
     frame = find_frame(spec, read_case(spec))
     assert np.linalg.norm(frame.nozzle_m) < 1e-3
     assert np.array_equal(frame.axis, (0.0, 1.0, 0.0))
 
 
-def test_an_axis_of_few_parcels_is_asked_for(tmp_path: Path, foam: Foam) -> None:
+def test_an_axis_of_few_parcels_is_asked_for(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     wide = np.random.default_rng(5).normal((0.0, -50.0, 0.0), 50.0, (17, 3))
     case = foam.write(tmp_path, block, gas=gas, cloud=cloud | {"U": wide})
     refused(case, r"the axis of the injection cannot be inferred .*degrees only", axis=None)
 
 
-def test_single_undefined_velocities_and_dummies(tmp_path: Path, foam: Foam) -> None:
+def test_single_undefined_velocities_and_dummies(tmp_path: Path) -> None:
     """One undefined velocity or dummy of 61 is more than 1 %, and costs no mass."""
-    case = late(foam, tmp_path / "case", youngest_s=0.0)
+    case = late(tmp_path / "case", youngest_s=0.0)
     whole = read_cfd(CfdSpray(file=case))
     form, folder = foam.form(), case / CLOUD
     velocity = vectors(read_foam(folder / "U"))
@@ -198,12 +182,12 @@ def test_single_undefined_velocities_and_dummies(tmp_path: Path, foam: Foam) -> 
     velocity[:200] = np.nan
     form.write(folder / "U", "vectorField", form.numbers(velocity))
     refused(case, r"/U: 200 of 400 parcels have no finite value", axis=None, nozzle_m=None)
-    read_cfd(CfdSpray(file=case, nozzle_m=(0, 0, 0), axis="+y"))
+    read(case, nozzle_m=(0, 0, 0), axis="+y")
     velocity[:200] = velocity[200:]
     form.write(folder / "U", "vectorField", form.numbers(velocity))
     dummies = np.where(np.arange(400) < 30, 0.0, size)
     form.write(folder / "d", "scalarField", form.numbers(dummies))
-    found = read_cfd(CfdSpray(file=case, nozzle_m=(0, 0, 0), axis="+y"))
+    found = read(case, nozzle_m=(0, 0, 0), axis="+y")
     assert found.notes["parcels"] == 370
     assert any("Omitted 30 of 400 parcels" in remark for remark in found.remarks)
     form.write(folder / "d", "scalarField", form.numbers(np.where(np.arange(400) < 300, 0.0, size)))
@@ -211,11 +195,11 @@ def test_single_undefined_velocities_and_dummies(tmp_path: Path, foam: Foam) -> 
 
 
 @pytest.mark.parametrize("head", [b"", b"List<scalar> ", b"/* no count */ "])
-def test_lists_without_their_length(tmp_path: Path, foam: Foam, head: bytes) -> None:
+def test_lists_without_their_length(tmp_path: Path, head: bytes) -> None:
     """OpenFOAM reads a list in ascii without its length, too."""
     block, gas, cloud = foam.sample()
     case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
-    whole = read_cfd(CfdSpray(file=case, **PLACE)).notes
+    whole = notes_of(case)
     for name in ("d", "U"):
         file = case / CLOUD / name
         file.write_bytes(file.read_bytes().replace(b"\n17\n(", b"\n" + head + b"("))
@@ -224,6 +208,6 @@ def test_lists_without_their_length(tmp_path: Path, foam: Foam, head: bytes) -> 
     count = f"nonuniform List<scalar>\n{block.cells}\n(".encode()
     assert count in text
     field.write_bytes(text.replace(count, b"nonuniform " + head + b"("))
-    assert read_cfd(CfdSpray(file=case, **PLACE)).notes == whole
+    assert notes_of(case) == whole
     field.write_bytes(field.read_bytes().replace(b"(\n", b"(\n600\n", 1))
     refused(case, f"{block.cells + 1} values, but the mesh has {block.cells} cells")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +16,8 @@ from cldit.io.progress import silent
 from cldit.scene import Scene
 from cldit.scene.delays import scene_at
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import FRAME, notes_of, read
 
 NOZZLE = (0.5e-3, 9e-3, 0.1e-3)
 AVOGADRO_MOL = 6.02214076e23
@@ -33,16 +32,12 @@ FORMS: dict[str, dict[str, Any]] = {
 }
 
 
-def spec(case: Path, **keys: Any) -> CfdSpray:
-    return CfdSpray(**({"file": case, "nozzle_m": NOZZLE, "axis": "-y"} | keys))
-
-
 @pytest.mark.parametrize("barycentric", ["", "positions", "coordinates"])
 @pytest.mark.parametrize(
     ("form", "shear"), [(form, (0.0, 0.3)[number % 2]) for number, form in enumerate(FORMS)]
 )
 def test_every_form_gives_what_was_written(
-    tmp_path: Path, foam: Foam, form: str, barycentric: str, shear: float
+    tmp_path: Path, form: str, barycentric: str, shear: float
 ) -> None:
     block, gas, cloud = foam.sample(shear)
     foam.write(
@@ -54,7 +49,7 @@ def test_every_form_gives_what_was_written(
         form=foam.form(**FORMS[form]),
     )
     (tmp_path / "case.foam").touch()
-    spray = read_cfd(spec(tmp_path / "case.foam"))
+    spray = read(tmp_path / "case.foam")
 
     # numbers are kept to the last bit but for float32 files: half an ulp, and 3e-9 m on 1e-2 m
     tolerance = 1e-6 if "32" in form else 1e-12
@@ -90,12 +85,10 @@ def test_every_form_gives_what_was_written(
     assert not spray.remarks  # nozzle and axis were given
 
 
-def test_boxes_are_the_cells_where_those_are_boxes(tmp_path: Path, foam: Foam) -> None:
+def test_boxes_are_the_cells_where_those_are_boxes(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     foam.write(tmp_path, block, gas=gas)
-    vapour = read_cfd(
-        spec(tmp_path, axis="-z", nozzle_m=(0, 0, 0), sector={"angle_deg": 360})
-    ).vapour
+    vapour = read(tmp_path, axis="-z", nozzle_m=(0, 0, 0), sector={"angle_deg": 360}).vapour
     assert vapour is not None
     corners = vapour.cells.lower_m.reshape(2, 4, 3, 3), vapour.cells.upper_m.reshape(2, 4, 3, 3)
     for axis, edge in enumerate(block.edges):
@@ -108,7 +101,7 @@ def test_boxes_are_the_cells_where_those_are_boxes(tmp_path: Path, foam: Foam) -
 
 
 @pytest.mark.parametrize("barycentric", ["", "coordinates"])
-def test_decomposed(tmp_path: Path, foam: Foam, barycentric: str) -> None:
+def test_decomposed(tmp_path: Path, barycentric: str) -> None:
     block, gas, cloud = foam.sample()
     clouds = {2: cloud, 10: {name: values[:5] for name, values in cloud.items()}}
     places = []
@@ -121,7 +114,7 @@ def test_decomposed(tmp_path: Path, foam: Foam, barycentric: str) -> None:
             places.append(own["position"])
         part = tmp_path / f"processor{number}"
         foam.write(part, shifted, gas=gas, cloud=own, barycentric=barycentric)
-    spray = read_cfd(spec(tmp_path))
+    spray = read(tmp_path)
     assert spray.parcels is not None
     wanted = np.concatenate(places) - NOZZLE
     assert spray.parcels.position_m[:, 0] == pytest.approx(wanted[:, 0], abs=1e-13, rel=0)
@@ -130,7 +123,7 @@ def test_decomposed(tmp_path: Path, foam: Foam, barycentric: str) -> None:
     assert spray.notes["gas_cells"] == 11 * block.cells
 
 
-def test_times(tmp_path: Path, foam: Foam) -> None:
+def test_times(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     for time, fuel in (("0", 0.1), ("2.5e-05", 0.2), ("0.001", 0.3)):
         foam.write(tmp_path, block, gas=gas | {"C7H16": fuel}, time=time)
@@ -138,16 +131,16 @@ def test_times(tmp_path: Path, foam: Foam) -> None:
     # this time only exists decomposed
     foam.write(tmp_path / "processor0", block, gas=gas | {"C7H16": 0.4}, time="0.0015")
     for wanted, fuel in ((None, 0.4), (0.001, 0.3), (2.5e-5, 0.2), (0.0, 0.1)):
-        spray = read_cfd(spec(tmp_path, time_s=wanted))
+        spray = read(tmp_path, time_s=wanted)
         assert spray.notes["vapour_mass_fraction_max"] == fuel
 
 
-def test_a_case_of_several_times_at_each_delay(tmp_path: Path, foam: Foam) -> None:
+def test_a_case_of_several_times_at_each_delay(tmp_path: Path) -> None:
     """A delay is a time of the case, and one that it lacks is refused with those that there are."""
     block, gas, _ = foam.sample()
     for time, fuel in (("0.0005", 0.1), ("0.001", 0.2)):
         foam.write(tmp_path, block, gas=gas | {"C7H16": fuel}, time=time)
-    scene = Scene(name="case", spray=spec(tmp_path))
+    scene = Scene(name="case", spray=CfdSpray(file=tmp_path, **FRAME))
     for delay_s, fuel in ((0.5e-3, 0.1), (1e-3, 0.2)):
         spray = scene_at(scene, delay_s).spray
         assert isinstance(spray, CfdSpray)
@@ -158,7 +151,7 @@ def test_a_case_of_several_times_at_each_delay(tmp_path: Path, foam: Foam) -> No
         read_cfd(lacking)
 
 
-def test_mesh_that_moves(tmp_path: Path, foam: Foam) -> None:
+def test_mesh_that_moves(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     foam.write(tmp_path, block, gas=gas)
     longer = foam.block((2 * block.edges[0], block.edges[1], block.edges[2]))
@@ -166,49 +159,48 @@ def test_mesh_that_moves(tmp_path: Path, foam: Foam) -> None:
     foam.form().write(tmp_path / "0.0005" / "polyMesh" / "points", "vectorField", body)
     foam.form().write(tmp_path / "0.002" / "polyMesh" / "points", "vectorField", body[:50])
     mass = np.sum(gas["rho"] * gas["C7H16"] * longer.volume)
-    assert read_cfd(spec(tmp_path)).notes["vapour_mass_kg"] == pytest.approx(mass, rel=1e-11)
+    assert notes_of(tmp_path)["vapour_mass_kg"] == pytest.approx(mass, rel=1e-11)
 
 
-def test_density_from_pressure(tmp_path: Path, foam: Foam) -> None:
+def test_density_from_pressure(tmp_path: Path) -> None:
     """2 mol of nitrogen-like gas and 1 mol of heptane in the volume that p V = N R T gives them."""
     block, _, _ = foam.sample()
     fuel = HEPTANE_KG_MOL / (HEPTANE_KG_MOL + 2 * 0.02885)
     foam.write(tmp_path, block, gas={"T": 600.0, "p": 3e6, "C7H16": fuel})
-    vapour = read_cfd(spec(tmp_path)).vapour
+    vapour = read(tmp_path).vapour
     assert vapour is not None
     molecules = 3e6 / (1.380649e-23 * 600.0)  # per m3, p = n k T
     assert vapour.number_density_m3 == pytest.approx(molecules / 3, rel=1e-9)
 
 
-def test_gas_without_fuel_and_cells_with_a_trace_are_left_out(tmp_path: Path, foam: Foam) -> None:
+def test_gas_without_fuel_and_cells_with_a_trace_are_left_out(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path / "none", block, gas=gas | {"C7H16": 0.0}, cloud=cloud)
-    spray = read_cfd(spec(tmp_path / "none"))
+    spray = read(tmp_path / "none")
     assert spray.vapour is None
     assert spray.notes["vapour_mass_kg"] == 0.0
     fraction = np.zeros(block.cells)
     fraction[3], fraction[4], fraction[5] = 0.2, 1e-150, -1e-5
     foam.write(tmp_path / "trace", block, gas=gas | {"C7H16": fraction})
-    spray = read_cfd(spec(tmp_path / "trace"))
+    spray = read(tmp_path / "trace")
     assert spray.vapour is not None
     assert spray.vapour.temperature_K.tolist() == [gas["T"][3]]
     assert spray.parcels is None
 
 
-def test_uniform_lists_of_a_cloud(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()
-    foam.write(tmp_path, block, gas=gas, cloud=cloud)
+def test_uniform_lists_of_a_cloud(tmp_path: Path) -> None:
+    foam.case(tmp_path)
     folder = tmp_path / "0.001" / "lagrangian" / "sprayCloud"
     foam.form().write(folder / "rho", "scalarField", b"17{612.5}")
     foam.form().write(folder / "U", "vectorField", b"17{(0 -3 0)}")
-    spray = read_cfd(spec(tmp_path, axis=None))
+    spray = read(tmp_path, axis=None)
     assert spray.parcels is not None
     assert spray.parcels.density_kg_m3.tolist() == [612.5] * 17
     assert spray.notes["axis_y"] == -1.0
 
 
 @pytest.mark.parametrize("form", ["ascii", "ascii-gz", "binary", "binary-label64"])
-def test_same_as_vtk_reads(tmp_path: Path, foam: Foam, form: str) -> None:
+def test_same_as_vtk_reads(tmp_path: Path, form: str) -> None:
     """vtk's own reader knows nothing of ours: fields, volumes and positions must agree."""
     pytest.importorskip("vtkmodules")
     from vtkmodules.util import numpy_support
@@ -216,8 +208,7 @@ def test_same_as_vtk_reads(tmp_path: Path, foam: Foam, form: str) -> None:
     from vtkmodules.vtkIOParallel import vtkPOpenFOAMReader
 
     numpy_of: Any = numpy_support.vtk_to_numpy
-    block, gas, cloud = foam.sample()
-    foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(**FORMS[form]))
+    foam.case(tmp_path, form=foam.form(**FORMS[form]))
     (tmp_path / "case.foam").touch()
     case = read_openfoam(CfdSpray(file=tmp_path), ColumnMap(), silent)
 

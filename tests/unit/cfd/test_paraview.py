@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
 
 pytest.importorskip("vtkmodules")
 
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, grid_of, save, stamped
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import FRAME, notes_of, read, refused
+from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts, save, stamped
 from tests.unit.cfd.vtkfiles import (
-    SET,
     collection,
     gas_file,
     parcels_file,
@@ -32,29 +29,24 @@ from tests.unit.cfd.vtkfiles import (
 FIGURES = ("liquid_mass_kg", "vapour_mass_kg", "sauter_mean_diameter_m", "liquid_penetration_95_m")
 
 
-def notes(path: Path, **keys: Any) -> dict[str, float]:
-    return read_cfd(CfdSpray(file=path, **(SET | keys))).notes
-
-
 @pytest.fixture
-def expected(tmp_path: Path, foam: Foam) -> dict[str, float]:
-    block, gas, cloud = foam.sample()
-    return notes(foam.write(tmp_path / "expected", block, gas=gas, cloud=cloud))
+def expected(tmp_path: Path) -> dict[str, float]:
+    return notes_of(foam.case(tmp_path / "expected"))
 
 
-def pair(folder: Path, foam: Foam) -> Path:
-    gas_file(folder / "gas.vtu", foam)
-    parcels_file(folder / "drops.vtp", foam)
+def pair(folder: Path) -> Path:
+    gas_file(folder / "gas.vtu")
+    parcels_file(folder / "drops.vtp")
     return folder
 
 
-def blocks(folder: Path, foam: Foam) -> Path:
-    gas_file(folder / "all" / "all_0.vtu", foam)
-    parcels_file(folder / "all" / "all_1.vtp", foam)
+def blocks(folder: Path) -> Path:
+    gas_file(folder / "all" / "all_0.vtu")
+    parcels_file(folder / "all" / "all_1.vtp")
     return collection(folder / "all.vtm", {"gas": "all/all_0.vtu", "drops": "all/all_1.vtp"})
 
 
-def blocks_of_vtk(folder: Path, foam: Foam) -> Path:
+def blocks_of_vtk(folder: Path) -> Path:
     """Blocks in blocks, by vtk's own writer."""
     from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkMultiBlockDataSet
     from vtkmodules.vtkIOXML import vtkXMLMultiBlockDataWriter
@@ -74,13 +66,13 @@ def blocks_of_vtk(folder: Path, foam: Foam) -> Path:
     return folder / "all.vtm"
 
 
-def vertex_grids(folder: Path, foam: Foam) -> Path:
-    gas_file(folder / "a.vtu", foam)
-    parcels_file(folder / "b.vtu", foam)
+def vertex_grids(folder: Path) -> Path:
+    gas_file(folder / "a.vtu")
+    parcels_file(folder / "b.vtu")
     return folder
 
 
-def series(folder: Path, foam: Foam) -> Path:
+def series(folder: Path) -> Path:
     block, gas, cloud = foam.sample()
     for step, share in (("0007", 0.5), ("0008", 1.0)):
         now = gas | {"C7H16": gas["C7H16"] * share}
@@ -89,30 +81,24 @@ def series(folder: Path, foam: Foam) -> Path:
     return folder
 
 
-def listed(folder: Path, foam: Foam) -> Path:
-    series(folder, foam)
+def listed(folder: Path) -> Path:
+    series(folder)
     steps = {"-12.5": ["gas_0007.vtu"], "3.25": ["gas_0008.vtu"]}
     pvd(folder / "gas.pvd", steps)
     pvd(folder / "drops.pvd", {"-12.5": ["drops_0007.vtp"], "3.25": ["drops_0008.vtp"]})
     return folder
 
 
-def parallel(folder: Path, foam: Foam) -> Path:
+def parallel(folder: Path) -> Path:
     """Two halves of the mesh, a ghost cell of the other's in each; the parcels in two files."""
     block, gas, cloud = foam.sample()
-    nodes = cells_of(block)
     half = block.cells // 2
     for number, own in enumerate((range(half), range(half, block.cells))):
         ghost = half if number == 0 else half - 1
         kept = [*own, ghost]
-        ghosts = np.zeros(len(kept), dtype=np.uint8)
-        ghosts[-1] = 1
-        grid = grid_of(
-            [(12, nodes[cell]) for cell in kept],
-            block.points,
-            {name: values[kept] for name, values in gas.items()},
-        )
-        marked(grid.GetCellData(), ghosts)
+        ghosts = np.arange(len(kept)) == half
+        grid = block_grid(block, gas, kept)
+        mark_ghosts(grid.GetCellData(), ghosts)
         save(folder / "gas" / f"gas_{number}.vtu", grid)
         part = slice(0, 5) if number == 0 else slice(5, None)
         some = {name: values[part] for name, values in cloud.items()}
@@ -122,28 +108,14 @@ def parallel(folder: Path, foam: Foam) -> Path:
     return folder
 
 
-def cells_of(block: Any) -> list[list[int]]:
-    grid = block_grid(block, {})
-    return [[grid.GetCell(cell).GetPointId(n) for n in range(8)] for cell in range(block.cells)]
-
-
-def marked(data: Any, ghosts: Any) -> None:
-    from vtkmodules.util import numpy_support
-
-    convert: Any = numpy_support.numpy_to_vtk
-    array = convert(ghosts, deep=1)
-    array.SetName("vtkGhostType")
-    data.AddArray(array)
-
-
 LAYOUTS = [pair, blocks, blocks_of_vtk, vertex_grids, series, listed, parallel]
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.__name__)
 def test_every_layout_gives_the_same(
-    tmp_path: Path, foam: Foam, expected: dict[str, float], layout: Any
+    tmp_path: Path, expected: dict[str, float], layout: Any
 ) -> None:
-    spray = read_cfd(CfdSpray(file=layout(tmp_path / "vtk", foam), **SET))
+    spray = read(layout(tmp_path / "vtk"))
     # float32 coordinates of 1e-2 m, of cells of 1e-3 m
     for name in FIGURES:
         assert spray.notes[name] == pytest.approx(expected[name], rel=5e-6), name
@@ -157,58 +129,51 @@ def test_every_layout_gives_the_same(
         assert len(spray.files) == 6
 
 
-def test_times_of_a_list(tmp_path: Path, foam: Foam, expected: dict[str, float]) -> None:
-    folder = listed(tmp_path / "vtk", foam)
-    assert notes(folder)["time_s"] == 3.25
-    assert notes(folder, time_s="latest")["time_s"] == 3.25
-    early = notes(folder, time_s=-12.5)
+def test_times_of_a_list(tmp_path: Path, expected: dict[str, float]) -> None:
+    folder = listed(tmp_path / "vtk")
+    assert notes_of(folder)["time_s"] == 3.25
+    assert notes_of(folder, time_s="latest")["time_s"] == 3.25
+    early = notes_of(folder, time_s=-12.5)
     assert early["vapour_mass_kg"] == pytest.approx(expected["vapour_mass_kg"] / 2, rel=5e-6)
-    near = read_cfd(CfdSpray(file=folder, time_s="nearest -10", **SET))
+    near = read(folder, time_s="nearest -10")
     assert near.notes["time_s"] == -12.5
     assert "Time -12.5 is the nearest to -10: 2.5 away." in near.remarks
-    with pytest.raises(SprayError, match=r"available: -12\.5, 3\.25; the nearest is 2\.5 away"):
-        notes(folder, time_s=-10)
+    refused(folder, r"available: -12\.5, 3\.25; the nearest is 2\.5 away", time_s=-10)
 
 
-def test_a_named_file_bounds_the_search(tmp_path: Path, foam: Foam) -> None:
-    air = gas_file(tmp_path / "air.vtu", foam)
+def test_a_named_file_bounds_the_search(tmp_path: Path) -> None:
+    air = gas_file(tmp_path / "air.vtu")
     block, gas, _ = foam.sample()
     save(tmp_path / "zone.vtu", block_grid(block, gas | {"C7H16": 0.0 * gas["C7H16"]}))
-    spray = read_cfd(CfdSpray(file=air, **SET))
+    spray = read(air)
     assert spray.notes["vapour_mass_kg"] > 0
     assert [Path(file.path).name for file in spray.files] == ["air.vtu"]
     assert any("no parcels in it: gas alone" in text for text in spray.remarks)
-    with pytest.raises(SprayError, match=r"2 claim to be the mesh of the gas: .*air.*zone"):
-        notes(tmp_path)
-    parcels_file(tmp_path / "drops.vtp", foam)
-    with pytest.raises(SprayError, match=r"some in .*drops\.vtp.*spray.cloud: none"):
-        notes(air)
-    assert "parcels" not in notes(air, cloud="none")
-    with pytest.raises(SprayError, match=r"no gas: .* \(parcels alone in .*drops\.vtp\)"):
-        notes(tmp_path / "drops.vtp")
+    refused(tmp_path, r"2 claim to be the mesh of the gas: .*air.*zone")
+    parcels_file(tmp_path / "drops.vtp")
+    refused(air, r"some in .*drops\.vtp.*spray.cloud: none")
+    assert "parcels" not in notes_of(air, cloud="none")
+    refused(tmp_path / "drops.vtp", r"no gas: .* \(parcels alone in .*drops\.vtp\)")
 
 
-def test_two_clouds_and_two_claims(tmp_path: Path, foam: Foam) -> None:
-    pair(tmp_path, foam)
-    parcels_file(tmp_path / "more.vtp", foam)
-    with pytest.raises(SprayError, match=r"several clouds: drops, more; set spray\.cloud"):
-        notes(tmp_path)
-    assert notes(tmp_path, cloud="more")["parcels"] == 17
+def test_two_clouds_and_two_claims(tmp_path: Path) -> None:
+    pair(tmp_path)
+    parcels_file(tmp_path / "more.vtp")
+    refused(tmp_path, r"several clouds: drops, more; set spray\.cloud")
+    assert notes_of(tmp_path, cloud="more")["parcels"] == 17
     save(tmp_path / "more.vtu", vertices(foam.sample()[2]))
-    with pytest.raises(SprayError, match=r"2 claim to be cloud 'more': .*more\.vtp, .*more\.vtu"):
-        notes(tmp_path, cloud="drops")
+    refused(tmp_path, r"2 claim to be cloud 'more': .*more\.vtp, .*more\.vtu", cloud="drops")
 
 
-def test_a_time_that_stands_twice(tmp_path: Path, foam: Foam) -> None:
+def test_a_time_that_stands_twice(tmp_path: Path) -> None:
     """As the list of a run that was started again: the same part of the same time."""
-    folder = series(tmp_path, foam)
+    folder = series(tmp_path)
     rows = "".join(f'<DataSet timestep="1" file="gas_000{n}.vtu"/>' for n in (7, 8))
     (folder / "gas.pvd").write_text(f"<VTKFile><Collection>{rows}</Collection></VTKFile>")
-    with pytest.raises(SprayError, match=r"2 claim to be part 0 of time 1 in .*0007.*0008"):
-        notes(folder / "gas.pvd")
+    refused(folder / "gas.pvd", r"2 claim to be part 0 of time 1 in .*0007.*0008")
 
 
-def test_pieces_that_are_the_same(tmp_path: Path, foam: Foam) -> None:
+def test_pieces_that_are_the_same(tmp_path: Path) -> None:
     """vtk's parallel writer, used in a serial program, writes the whole into each piece."""
     from vtkmodules.vtkIOParallelXML import vtkXMLPUnstructuredGridWriter
 
@@ -220,11 +185,10 @@ def test_pieces_that_are_the_same(tmp_path: Path, foam: Foam) -> None:
     writer.SetStartPiece(0)
     writer.SetEndPiece(1)
     writer.Write()
-    with pytest.raises(SprayError, match=r"gas_1\.vtu: 24 cells with fuel lie where those of .*_0"):
-        notes(tmp_path / "gas.pvtu")
+    refused(tmp_path / "gas.pvtu", r"gas_1\.vtu: 24 cells with fuel lie where those of .*_0")
 
 
-def test_ensight_of_vtk(tmp_path: Path, foam: Foam, expected: dict[str, float]) -> None:
+def test_ensight_of_vtk(tmp_path: Path, expected: dict[str, float]) -> None:
     """vtk's EnSight writer has names of its own, which a mapping tells."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkIOParallel import vtkEnSightWriter
@@ -241,40 +205,39 @@ def test_ensight_of_vtk(tmp_path: Path, foam: Foam, expected: dict[str, float]) 
     writer.Write()
     writer.WriteCaseFile(1)
     case = tmp_path / "case.0.case"
-    with pytest.raises(SprayError, match=r"no cell field 'C7H16'.* it has: C7H16_c, T_c"):
-        notes(case)
+    refused(case, r"no cell field 'C7H16'.* it has: C7H16_c, T_c")
     mapping = tmp_path / "names.yaml"
     mapping.write_text("cells: {temperature: T_c, density: rho_c, pressure: p_c, fuel: C7H16_c}")
-    found = notes(case, mapping=mapping)
+    found = notes_of(case, mapping=mapping)
     assert found["vapour_mass_kg"] == pytest.approx(expected["vapour_mass_kg"], rel=5e-6)
     assert found["gas_cells"] == expected["gas_cells"]
 
 
-def test_a_surface_is_left_out_by_name(tmp_path: Path, foam: Foam) -> None:
+def test_a_surface_is_left_out_by_name(tmp_path: Path) -> None:
     from vtkmodules.vtkFiltersSources import vtkSphereSource
 
-    pair(tmp_path, foam)
+    pair(tmp_path)
     source: Any = vtkSphereSource()
     source.Update()
     save(tmp_path / "walls.vtp", source.GetOutput())
-    spray = read_cfd(CfdSpray(file=tmp_path, **SET))
+    spray = read(tmp_path)
     said = [text for text in spray.remarks if "neither gas nor parcels: " in text]
     assert len(said) == 1
     assert "walls.vtp" in said[0]
 
 
-def test_hidden_cells_and_parcels(tmp_path: Path, foam: Foam) -> None:
+def test_hidden_cells_and_parcels(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     grid, drops = block_grid(block, gas), cloud_data(cloud)
     hidden = np.zeros(block.cells, dtype=np.uint8)
     hidden[[0, 7]] = 32
-    marked(grid.GetCellData(), hidden)
+    mark_ghosts(grid.GetCellData(), hidden)
     copied = np.zeros(17, dtype=np.uint8)
     copied[3] = 1
-    marked(drops.GetPointData(), copied)
+    mark_ghosts(drops.GetPointData(), copied)
     save(tmp_path / "gas.vtu", grid)
     save(tmp_path / "drops.vtp", drops)
-    found = notes(tmp_path)
+    found = notes_of(tmp_path)
     shown, kept = hidden == 0, copied == 0
     mass = np.sum((gas["rho"] * gas["C7H16"] * block.volume)[shown])
     assert found["vapour_mass_kg"] == pytest.approx(mass, rel=5e-6)
@@ -284,7 +247,7 @@ def test_hidden_cells_and_parcels(tmp_path: Path, foam: Foam) -> None:
 
 
 @pytest.mark.parametrize("density", [True, False])
-def test_point_data_keep_the_mass(tmp_path: Path, foam: Foam, density: bool) -> None:
+def test_point_data_keep_the_mass(tmp_path: Path, density: bool) -> None:
     """Each corner stands for an eighth of each of its cells: the masses are sums over corners."""
     block, _, _ = foam.sample()
     random = np.random.default_rng(3)
@@ -303,8 +266,8 @@ def test_point_data_keep_the_mass(tmp_path: Path, foam: Foam, density: bool) -> 
         if density or name != "rho":
             grid.GetPointData().AddArray(vtk_array(name, values))
     save(tmp_path / "gas.vtu", grid)
-    spray = read_cfd(CfdSpray(file=tmp_path / "gas.vtu", **SET))
-    corners = np.array(cells_of(block))
+    spray = read(tmp_path / "gas.vtu")
+    corners = block.hexahedra
     share = block.volume / 8
     if density:
         mass = np.sum((points["rho"] * points["C7H16"])[corners] * share[:, None])
@@ -317,15 +280,14 @@ def test_point_data_keep_the_mass(tmp_path: Path, foam: Foam, density: bool) -> 
     assert any("at points became means over cells" in text for text in spray.remarks)
 
 
-def test_mapping_of_names_and_units(tmp_path: Path, foam: Foam, expected: dict[str, float]) -> None:
+def test_mapping_of_names_and_units(tmp_path: Path, expected: dict[str, float]) -> None:
     block, gas, cloud = foam.sample()
     other = {"Temp": gas["T"] - 273.15, "P": gas["p"] / 1e5, "Density": gas["rho"]}
     save(tmp_path / "gas.vtu", block_grid(block, other | {"Y": gas["C7H16"] * 100}))
     drops = {"position": cloud["position"], "Radius": cloud["d"] * 5e5, "N": cloud["nParticle"]}
     drops |= {"Tp": cloud["T"], "Rp": cloud["rho"], "Vel": cloud["U"]}
     save(tmp_path / "drops.vtp", cloud_data(drops))
-    with pytest.raises(SprayError, match="has no field 'd'; it has: N, Radius, Rp, Tp, Vel"):
-        notes(tmp_path)
+    refused(tmp_path, "has no field 'd'; it has: N, Radius, Rp, Tp, Vel")
     mapping = tmp_path / "names.yaml"
     mapping.write_text(
         "cells: {temperature: {column: Temp, unit: degC}, pressure: {column: P, unit: bar},\n"
@@ -333,7 +295,7 @@ def test_mapping_of_names_and_units(tmp_path: Path, foam: Foam, expected: dict[s
         "parcels: {radius: {column: Radius, unit: um}, number: N, temperature: Tp, density: Rp,\n"
         "  velocity: Vel}\n"
     )
-    spray = read_cfd(CfdSpray(file=tmp_path, mapping=mapping, nozzle_m=SET["nozzle_m"]))
+    spray = read_cfd(CfdSpray(file=tmp_path, mapping=mapping, nozzle_m=FRAME["nozzle_m"]))
     for name in FIGURES:
         assert spray.notes[name] == pytest.approx(expected[name], rel=5e-6), name
     assert spray.notes["axis_y"] == -1.0  # the velocity came over
@@ -353,5 +315,4 @@ def test_mapping_of_names_and_units(tmp_path: Path, foam: Foam, expected: dict[s
 def test_collections_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "all.vtm"
     file.write_text(text)
-    with pytest.raises(SprayError, match=rf"all\.vtm.*{message}"):
-        notes(file)
+    refused(file, rf"all\.vtm.*{message}")

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cldit.cfd.names import fuel_of
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
 from cldit.optics.liquid import liquid
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import read, refused
 from tests.unit.cfd.test_vtk import block_grid, save
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-
-PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 
 
 def ideal(block: Any, gas: dict[str, Any]) -> dict[str, Any]:
@@ -34,46 +29,60 @@ def ideal(block: Any, gas: dict[str, Any]) -> dict[str, Any]:
         ("nParticle", lambda n: n * 1e9, "kg of liquid; allowed: up to 0.01 kg"),
     ],
 )
-def test_parcels_in_another_unit(
-    tmp_path: Path, foam: Foam, name: str, change: Any, message: str
-) -> None:
+def test_parcels_in_another_unit(tmp_path: Path, name: str, change: Any, message: str) -> None:
     block, gas, cloud = foam.sample()
     case = foam.write(tmp_path, block, gas=gas, cloud=cloud | {name: change(cloud[name])})
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=case, **PLACE))
+    refused(case, message)
 
 
-def test_the_liquid_of_a_fuel_without_a_formula_is_n_heptane(tmp_path: Path, foam: Foam) -> None:
+def test_the_liquid_of_a_fuel_without_a_formula_is_n_heptane(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     own = {name: values for name, values in gas.items() if name != "C7H16"}
     cold = cloud | {"T": cloud["T"] - 273.15}
     case = foam.write(tmp_path, block, gas=own | {"Y_FUEL": gas["C7H16"]}, cloud=cold)
-    with pytest.raises(SprayError, match=r"T: .* is outside 182\.6\.\.5000"):
-        read_cfd(CfdSpray(file=case, fuel_field="Y_FUEL", **PLACE))
+    refused(case, r"T: .* is outside 182\.6\.\.5000", fuel_field="Y_FUEL")
 
 
-def test_gas_in_degrees_celsius_and_gauge_pressure(tmp_path: Path, foam: Foam) -> None:
+def test_gas_in_degrees_celsius_and_gauge_pressure(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     gas = ideal(block, gas)
     whole = foam.write(tmp_path / "K", block, gas=gas, cloud=cloud)
-    assert "ideal gas" not in " ".join(read_cfd(CfdSpray(file=whole, **PLACE)).remarks)
+    assert "ideal gas" not in " ".join(read(whole).remarks)
     celsius = gas | {"T": gas["T"] - 273.15}
-    with pytest.raises(SprayError, match=r"T: .* seem to be degrees Celsius"):
-        read_cfd(
-            CfdSpray(file=foam.write(tmp_path / "C", block, gas=celsius, cloud=cloud), **PLACE)
-        )
+    refused(
+        foam.write(tmp_path / "C", block, gas=celsius, cloud=cloud),
+        r"T: .* seem to be degrees Celsius",
+    )
     low = ideal(block, gas | {"p": np.full(block.cells, 3e5)})
     gauge = foam.write(tmp_path / "g", block, gas=low | {"p": low["p"] - 101325.0}, cloud=cloud)
-    remarks = " ".join(read_cfd(CfdSpray(file=gauge, **PLACE)).remarks)
+    remarks = " ".join(read(gauge).remarks)
     assert "1.987e+05 to 1.987e+05 Pa): p seems to be a gauge pressure" in remarks
 
 
-def test_a_box_in_centimetres(tmp_path: Path, foam: Foam) -> None:
+@pytest.mark.parametrize(("name", "factor"), [("rho", 1e-3), ("p", 1e-5)])
+def test_a_density_that_is_no_ideal_gas(tmp_path: Path, name: str, factor: float) -> None:
+    _, gas, _ = foam.sample()
+    case = foam.case(tmp_path, gas=gas | {name: factor * gas[name]})
+    refused(case, "one of them is not in kg/m3, K, Pa")
+
+
+def test_a_case_in_millimetres(tmp_path: Path) -> None:
+    block, gas, cloud = foam.sample()
+    large = foam.block((5e3 * block.edges[0], 5e3 * block.edges[1], 5e3 * block.edges[2]))
+    case = foam.write(tmp_path, large, gas=gas, cloud=cloud | {"position": 5e3 * cloud["position"]})
+    refused(case, "m wide; allowed: up to 10 m .*metres")
+
+
+def test_a_box_in_centimetres(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     large = foam.block((100 * block.edges[0], 100 * block.edges[1], 100 * block.edges[2]))
     path = save(tmp_path / "gas.vtu", block_grid(large, gas))
-    with pytest.raises(SprayError, match=r"kg of vapour; allowed: up to 0\.1 kg .*such as cm"):
-        read_cfd(CfdSpray(file=path, nozzle_m=(0.05, 0.9, 0.01), axis="-y"))
+    refused(
+        path,
+        r"kg of vapour; allowed: up to 0\.1 kg .*such as cm",
+        nozzle_m=(0.05, 0.9, 0.01),
+        axis="-y",
+    )
 
 
 def test_the_field_names_the_fuel() -> None:
@@ -84,7 +93,7 @@ def test_the_field_names_the_fuel() -> None:
     assert fuel_of(CfdSpray(file=Path("case"), fuel_field="C12H26")) == "C12H26"
 
 
-def test_times_that_differ_in_the_last_digit(tmp_path: Path, foam: Foam) -> None:
+def test_times_that_differ_in_the_last_digit(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     for name, time in (("a", "0.001"), ("b", "0.0010000000000000002")):
         step = 0.1 * (name == "b")
@@ -93,5 +102,4 @@ def test_times_that_differ_in_the_last_digit(tmp_path: Path, foam: Foam) -> None
         text = f'<DataSet timestep="{time}" part="{int(step > 0)}" file="{name}.vtu"/>'
         whole = f'<VTKFile type="Collection"><Collection>{text}</Collection></VTKFile>'
         (tmp_path / f"{name}.pvd").write_text(whole)
-    with pytest.raises(SprayError, match="2 claim to be the mesh of the gas"):
-        read_cfd(CfdSpray(file=tmp_path, cloud="none", **PLACE))
+    refused(tmp_path, "2 claim to be the mesh of the gas", cloud="none")

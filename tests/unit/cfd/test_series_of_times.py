@@ -13,7 +13,8 @@ from cldit.cfd.to_spray import read_cfd
 from cldit.errors import EmptyCloud, NoFuel, NotAtThisTime, SprayError
 from cldit.scene.spray import CfdSpray
 from cldit.scene.values import time_of
-from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import read
 from tests.unit.cfd.seriescases import NOZZLE, write_times
 
 KNOWN = (0.0, 1e-3, 2e-3, 5e-4, 3e-3)
@@ -85,9 +86,8 @@ def test_a_frame_that_is_given_stays(tmp_path: Path) -> None:
     assert with_one_frame(given, (1e-4,)) == (given, ())
 
 
-def test_a_frame_that_no_time_tells(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()  # without ages
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+def test_a_frame_that_no_time_tells(tmp_path: Path) -> None:
+    case = foam.case(tmp_path / "case")  # without ages
     with pytest.raises(SprayError, match="nozzle and axis"):
         with_one_frame(CfdSpray(file=case), (1e-3,))
 
@@ -96,26 +96,23 @@ def test_a_time_without_fuel_is_told_from_one_that_lacks_something(tmp_path: Pat
     times = {"0": 0.0, "0.0001": 4e-5, "0.0002": -1.0, "0.0003": 0.0}
     case = write_times(tmp_path / "case", times)
 
-    def read(time: float, **keys: object) -> None:
-        read_cfd(CfdSpray(file=case, time_s=time, nozzle_m=NOZZLE, axis="-y", **keys))
-
     with pytest.raises(NotAtThisTime, match=r"no parcels at this time, but at others: 0\.0001"):
-        read(0.0)
+        read(case, time_s=0.0, nozzle_m=NOZZLE)
     with pytest.raises(NotAtThisTime, match="no cell field 'C7H16'"):
-        read(0.0, cloud="none")
+        read(case, time_s=0.0, nozzle_m=NOZZLE, cloud="none")
     with pytest.raises(EmptyCloud, match="has no parcel"):
-        read(2e-4)
-    read(2e-4, cloud="none")
+        read(case, time_s=2e-4, nozzle_m=NOZZLE)
+    read(case, time_s=2e-4, nozzle_m=NOZZLE, cloud="none")
     zero = write_times(tmp_path / "zero", {"0.0001": -1.0})
     field = zero / "0.0001" / "C7H16"
     field.write_text(field.read_text().split("internalField")[0] + "internalField uniform 0;\n")
     with pytest.raises(NoFuel, match="no fuel: no liquid"):
-        read_cfd(CfdSpray(file=zero, cloud="none", nozzle_m=NOZZLE, axis="-y"))
+        read(zero, cloud="none", nozzle_m=NOZZLE, axis="-y")
 
 
 def test_penetrations_are_of_the_mass(tmp_path: Path) -> None:
     case = write_times(tmp_path / "case", {"0.0001": 1e-4})
-    spray = read_cfd(CfdSpray(file=case, nozzle_m=NOZZLE, axis="-y"))
+    spray = read(case, nozzle_m=NOZZLE, axis="-y")
     assert spray.parcels is not None
     depth, mass = -spray.parcels.position_m[:, 2], spray.parcels.masses_kg
     for percent in (90, 95, 99):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -14,19 +14,18 @@ from cldit.cfd.vtk.datasets import as_numpy
 from cldit.cfd.vtk.head import check_head
 from cldit.errors import EmptyCloud, SprayError
 from cldit.scene.spray import CfdSpray
-from tests.unit.cfd.test_vtk import SET, block_grid, cloud_data, save
+from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts, save
 from tests.unit.cfd.test_vtk_grids import HIGH, LOW, RHO, SHAPE, field, grid_of, write
 from tests.unit.cfd.vtkfiles import pieces
 
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-
 pytest.importorskip("vtkmodules")
 from vtkmodules import vtkCommonDataModel as model
-from vtkmodules.util.numpy_support import numpy_to_vtk
+
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import FRAME, notes_of, read, refused
 
 
-def joined(foam: Foam, form: str) -> Any:
+def joined(form: str) -> Any:
     """The parcels of the sample, on cells of a form."""
     cloud = foam.sample()[2]
     cells: Any = model.vtkCellArray()
@@ -51,12 +50,12 @@ def joined(foam: Foam, form: str) -> Any:
 
 
 @pytest.mark.parametrize("form", ["one line", "few lines", "vertices", "surfaces", "tracks"])
-def test_parcels_on_any_cells(tmp_path: Path, foam: Foam, form: str) -> None:
+def test_parcels_on_any_cells(tmp_path: Path, form: str) -> None:
     """One of 17 points is on none of the lines of four points."""
     block, gas, cloud = foam.sample()
     save(tmp_path / "gas.vtu", block_grid(block, gas))
-    save(tmp_path / "spray.vtp", joined(foam, form))
-    spec = CfdSpray(file=tmp_path, **SET)
+    save(tmp_path / "spray.vtp", joined(form))
+    spec = CfdSpray(file=tmp_path, **FRAME)
     if form in ("surfaces", "tracks"):
         with pytest.raises(SprayError, match=r"spray\.vtp: has d and nParticle, .* parcels, on"):
             read_cfd(spec)
@@ -66,24 +65,23 @@ def test_parcels_on_any_cells(tmp_path: Path, foam: Foam, form: str) -> None:
     assert read_cfd(spec).notes["liquid_mass_kg"] == pytest.approx(mass, rel=1e-5)
 
 
-def test_a_cloud_without_parcels_is_a_cloud(tmp_path: Path, foam: Foam) -> None:
+def test_a_cloud_without_parcels_is_a_cloud(tmp_path: Path) -> None:
     """Before the injection ParaView writes poly data without points."""
     block, gas, cloud = foam.sample()
     save(tmp_path / "gas.vtu", block_grid(block, gas))
     save(tmp_path / "spray.vtp", cloud_data({name: values[:0] for name, values in cloud.items()}))
     with pytest.raises(EmptyCloud, match=r"spray\.vtp: points: cloud 'spray' has no parcel"):
-        read_cfd(CfdSpray(file=tmp_path, **SET))
-    assert "parcels" not in read_cfd(CfdSpray(file=tmp_path, cloud="none", **SET)).notes
+        read(tmp_path)
+    assert "parcels" not in notes_of(tmp_path, cloud="none")
 
 
-def test_a_folder_without_gas_names_its_files(tmp_path: Path, foam: Foam) -> None:
+def test_a_folder_without_gas_names_its_files(tmp_path: Path) -> None:
     save(tmp_path / "spray.vtp", cloud_data(foam.sample()[2]))
     image = model.vtkImageData()
     image.SetDimensions(5, 5, 1)
     write(tmp_path / "cut.vti", image, ".vti")
     message = r"no gas: .*\(parcels alone in .*spray\.vtp; lines or surfaces in .*cut\.vti\)"
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=tmp_path, **SET))
+    refused(tmp_path, message)
 
 
 def vapour_kg(path: Path) -> float:
@@ -133,15 +131,8 @@ def test_images_and_levels_in_hdf(tmp_path: Path, kind: bytes) -> None:
     assert vapour_kg(hdf(tmp_path / "gas.vtkhdf", kind)) == pytest.approx(whole_kg(), rel=1e-9)
 
 
-def ghosts(data: Any, marks: Any) -> Any:
-    convert: Any = numpy_to_vtk
-    array = convert(np.asarray(marks, np.uint8), deep=True)
-    array.SetName("vtkGhostType")
-    data.AddArray(array)
-
-
 @pytest.mark.parametrize("both", [False, True])
-def test_ghosts_on_both_sides(tmp_path: Path, foam: Foam, both: bool) -> None:
+def test_ghosts_on_both_sides(tmp_path: Path, both: bool) -> None:
     """Two pieces share a layer of cells, which one of them marks as a copy, or both."""
     block, gas, cloud = foam.sample()
     shape = block.shape[::-1]
@@ -153,14 +144,14 @@ def test_ghosts_on_both_sides(tmp_path: Path, foam: Foam, both: bool) -> None:
         cells = layer[:, :, kept].reshape(-1)
         grid = block_grid(own, {name: values[cells] for name, values in gas.items()})
         shared = np.isin(cells, layer[:, :, 1]) & (both or number == 0)
-        ghosts(grid.GetCellData(), shared)
+        mark_ghosts(grid.GetCellData(), shared)
         save(tmp_path / f"gas_{number}.vtu", grid)
         drops = cloud_data(cloud)
-        ghosts(drops.GetPointData(), np.full(17, both or number == 0))
+        mark_ghosts(drops.GetPointData(), np.full(17, both or number == 0))
         save(tmp_path / f"drops_{number}.vtp", drops)
     pieces(tmp_path / "gas.pvtu", ["gas_0.vtu", "gas_1.vtu"])
     pieces(tmp_path / "drops.pvtp", ["drops_0.vtp", "drops_1.vtp"])
-    spray = read_cfd(CfdSpray(file=tmp_path, **SET))
+    spray = read(tmp_path)
     vapour = float(np.sum(gas["rho"] * gas["C7H16"] * block.volume))
     assert spray.notes["vapour_mass_kg"] == pytest.approx(vapour, rel=1e-5)
     assert spray.notes["parcels"] == 17
@@ -215,7 +206,7 @@ def test_heads_that_end_the_process(
         append.AddInputData(grid)
         append.Update()
         grid = append.GetOutput()
-        ghosts(grid.GetCellData(), np.arange(378) == 3)
+        mark_ghosts(grid.GetCellData(), np.arange(378) == 3)
     file = tmp_path / name
     if name == "gas.vtu":
         save(file, grid)

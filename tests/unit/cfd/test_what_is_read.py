@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -18,9 +18,8 @@ from cldit.errors import SprayError
 from cldit.io.origin import FileRead, files_read
 from cldit.run.result import RunInfo
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import read
 
 DATA = Path(__file__).parents[2] / "data" / "run-0.1.0"
 PLACE = ("--axis", "-y", "--nozzle", "0", "0.009", "0")
@@ -44,9 +43,8 @@ def test_record(tmp_path: Path) -> None:
         files_read([tmp_path / "none"])
 
 
-def test_import_prints_and_keeps_them(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+def test_import_prints_and_keeps_them(tmp_path: Path) -> None:
+    case = foam.case(tmp_path / "case")
     (case / "0.001" / "unused").write_text("not read")
     out = tmp_path / "spray.npz"
     done = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out), "-v"])
@@ -73,7 +71,7 @@ def test_a_run_keeps_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("new", [True, False])
-def test_streams_of_converge(tmp_path: Path, foam: Foam, new: bool) -> None:
+def test_streams_of_converge(tmp_path: Path, new: bool) -> None:
     """A solid stream has no fuel, and is left out by name; two files of a time are an error."""
     h5py = pytest.importorskip("h5py")
     from tests.unit.cfd.formats.conftest import write_converge
@@ -98,11 +96,11 @@ def test_streams_of_converge(tmp_path: Path, foam: Foam, new: bool) -> None:
         read_cfd(CfdSpray(file=folder, **keys))
 
 
-def test_other_fuels_are_named(tmp_path: Path, foam: Foam) -> None:
+def test_other_fuels_are_named(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     more = gas | {"C8H18": gas["C7H16"] / 200, "CO2": gas["C7H16"], "H2O": gas["C7H16"]}
     case = foam.write(tmp_path, block, gas=more, cloud=cloud)
-    spray = read_cfd(CfdSpray(file=case, nozzle_m=(0, 9e-3, 0), axis="-y"))
+    spray = read(case, nozzle_m=(0, 9e-3, 0), axis="-y")
     assert "Other fuels, not read: C8H18." in spray.remarks
     assert other_fuels(["MASSFRAC_C7H16", "MASSFRAC_IC8H18", "Y_C12H26", "CH4", "T"], "C7H16") == [
         "MASSFRAC_IC8H18",

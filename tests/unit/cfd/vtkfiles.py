@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, grid_of, save
 
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
 
-SET: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
-
-
-def gas_file(file: Path, foam: Foam, **fields: Any) -> Path:
+def gas_file(file: Path, **fields: Any) -> Path:
     """The gas of the sample; `fields` are added to it."""
     block, gas, _ = foam.sample()
     return save(file, block_grid(block, gas | fields))
 
 
-def parcels_file(file: Path, foam: Foam) -> Path:
+def parcels_file(file: Path) -> Path:
     """The parcels of the sample: points in a .vtp, vertices in a .vtu."""
     _, _, cloud = foam.sample()
     if file.suffix == ".vtp":

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
-from cldit.medium.deposit import PlacedBoxes, Rasterised, Touched, place_droplets, touched_bricks
+from cldit.medium.deposit import Touched, place_droplets, touched_bricks
 from cldit.medium.frame import BRICK, Frame
-from cldit.medium.octree import PointSource, build_octree
 from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray
 
@@ -308,20 +307,3 @@ def test_halves_tell_the_error_by_sampling(device: Device) -> None:
     assert stated == pytest.approx(true, rel=0.12 + 0.3)
     with pytest.raises(MediumError, match="no parcels"):
         variants(Spray(), kernel=Kernel(), seed=1)
-
-
-def test_octree_takes_clouds(device: Device) -> None:
-    parcels = clouds(100)
-    amount = parcels.droplets
-    source = PointSource(parcels.position_m, amount, 2 * amount, 3 * amount, parcels.extent)
-    tree = build_octree(frame(1e-3), source, [], optical_depth_split=1e-5, device=device)
-    # values are kept in single precision
-    assert tree.integral("droplet_emission") == pytest.approx(3 * amount.sum(), rel=2e-7)
-
-
-def test_clouds_and_boxes_are_told_apart() -> None:
-    cube, place = frame(1e-2), np.zeros((1, 3))
-    assert isinstance(
-        place_droplets(cube, place, Cloud(np.zeros((1, 3, 3))), np.ones(1)), Rasterised
-    )
-    assert isinstance(place_droplets(cube, place, Box(np.full(3, 1e-3)), np.ones(1)), PlacedBoxes)

@@ -109,13 +109,6 @@ def test_the_error_that_is_printed_is_an_error(paper: DropletTable) -> None:
     assert table_error(replace(paper, k=0.035)).absorption > 1e-3
 
 
-def test_droplets_below_the_table_follow_rayleigh(paper: DropletTable) -> None:
-    """C_abs ~ d^3 and C_sca ~ d^6; the next order is (pi d / wavelength)^2 < 1e-4."""
-    c_abs, c_sca = paper.cross_sections(np.array([1e-9, 1e-8]))
-    assert c_abs[1] / c_abs[0] == pytest.approx(1e3, rel=1e-3)
-    assert c_sca[1] / c_sca[0] == pytest.approx(1e6, rel=1e-3)
-
-
 @pytest.mark.parametrize("d", [0.0, -1e-6, 6e-4, float("nan"), float("inf")])
 def test_outside_is_refused(paper: DropletTable, d: float) -> None:
     with pytest.raises(DropletError, match=r"outside 0\.\.0.0005 m"):

@@ -53,16 +53,6 @@ def test_against_mpmath(filter_um: tuple[float, float], slope: bool) -> None:
             assert abs(got / float(expected) - 1) < 1e-10
 
 
-def test_value_at_one_wavelength() -> None:
-    """A filter narrow against Planck's curve: B_q times its width, by hand."""
-    wavelength, width, kelvin = 3.4e-6, 1e-10, 500.0
-    x = 0.014387768775 / (wavelength * kelvin)
-    expected = 2 * 299792458.0 / wavelength**4 / np.expm1(x) * width
-    got = band_radiance(kelvin, filter_um=(3.4 - 0.5e-4, 3.4 + 0.5e-4))
-    # curvature over the width: (x width / lambda)^2 / 24 = 3e-9
-    assert got == pytest.approx(expected, rel=1e-8)
-
-
 def test_limits() -> None:
     values = band_radiance([0.0, 5e-324, 1e-6, 1.0, np.inf, np.nan, -1.0], filter_um=(3.3, 3.5))
     np.testing.assert_array_equal(values, [0, 0, 0, 0, np.inf, np.nan, np.nan])

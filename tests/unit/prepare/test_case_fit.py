@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,13 +133,7 @@ def test_extent_leaves_single_parcels_out() -> None:
     assert spray.parcels is not None
     far = spray.parcels.position_m.copy()
     far[0] = (0.0, 0.0, -0.9)  # one of 1001
-    parcels = Parcels(
-        far,
-        spray.parcels.diameter_m,
-        spray.parcels.droplets,
-        spray.parcels.temperature_K,
-        spray.parcels.density_kg_m3,
-    )
+    parcels = replace(spray.parcels, position_m=far)
     low, high = Fuel.of(Spray(parcels=parcels)).extent_m(share=2e-3)
     assert low[2] == pytest.approx(-0.05, abs=2e-4)
     assert high[2] == pytest.approx(0.0, abs=2e-4)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.errors import ClditError, OpticsError, SceneError
+from cldit.errors import OpticsError, SceneError
 from cldit.optics import mie
 from cldit.prepare.medium import properties_of
 from cldit.scene import Scene, load_scene, parse_scene
@@ -181,10 +181,3 @@ def test_a_table_that_is_not_there_is_refused_when_the_scene_is_read(
     # A run that is done can be read without it.
     scene = parse_scene(data, folder=tmp_path, finished=True)
     assert getattr(scene.optics, key) == str(tmp_path / "mine" / "nowhere.csv")
-
-
-def test_a_table_in_nanometres_is_found_out(tmp_path: Path) -> None:
-    (tmp_path / "liquid.csv").write_text("wavelength_um,n,k\n3200,1.3,0.02\n3600,1.3,0.02\n")
-    scene = scene_of(optics={"preset": "spectral", "liquid": str(tmp_path / "liquid.csv")})
-    with pytest.raises(ClditError, match="nm"):
-        properties_of(scene, spray_of(), cache=None)

@@ -1,13 +1,16 @@
-"""How droplets are spread is kept in files, and shown where a picture needs points."""
+"""How droplets are spread is kept in files, and shown where a picture needs points; files that are
+no sprays."""
 
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray
 from cldit.show.report.spray_report import liquid_mass
 from cldit.spray.extent import Box, Cloud, Extent
@@ -66,3 +69,16 @@ def test_pictures_of_a_cone_do_not_show_its_lattice() -> None:
     rows = seen.image.sum(axis=1)
     inside = rows[rows > 0.3 * rows.max()]
     assert np.abs(np.diff(inside)).max() < 0.4 * rows.max()
+
+
+def test_a_name_twice_and_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "spray.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("about.npy", b" " * 1_000_000)
+    monkeypatch.setattr("cldit.spray.spray_file.free_bytes", lambda: 500_000)
+    with pytest.raises(SprayError, match=r"unpacks to 0\.001 GB; 0\.0005 GB of memory are free"):
+        read_spray(path)
+    with zipfile.ZipFile(path, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
+        archive.writestr("about.npy", b"")
+    with pytest.raises(SprayError, match=r"has about\.npy twice"):
+        read_spray(path)

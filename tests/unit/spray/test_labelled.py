@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Literal
-
 import numpy as np
 import pytest
 
@@ -38,18 +35,3 @@ def test_places_in_mm_and_units() -> None:
 
 def test_a_spray_of_nothing() -> None:
     assert not Spray().to_xarray().variables
-
-
-@pytest.mark.parametrize("engine", ["h5netcdf", "zarr"])
-def test_files_of_it_read_back(tmp_path: Path, engine: Literal["h5netcdf", "zarr"]) -> None:
-    xarray = pytest.importorskip("xarray")
-    pytest.importorskip(engine, reason="the extra studies is not installed")
-    data = spray().to_xarray()
-    path = tmp_path / f"spray.{engine}"
-    if engine == "zarr":
-        data.to_zarr(path, zarr_format=2, consolidated=True)
-    else:
-        data.to_netcdf(path, engine=engine)
-    back = xarray.open_dataset(path, engine=engine, mask_and_scale=False)
-    assert back.equals(data)
-    assert back.parcel_diameter_m.attrs["units"] == "m"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +12,6 @@ import pytest
 import yaml
 
 Sample = tuple[Any, dict[str, Any], dict[str, Any]]
-
-
-def hexahedra(block: Any) -> Any:
-    """Corners (N, 8) of the block's cells in the order of EnSight and vtk."""
-    nx, ny, nz = block.shape
-    corner = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nz + 1, ny + 1, nx + 1)
-    lower, upper = slice(None, -1), slice(1, None)
-    ring = [(lower, lower), (lower, upper), (upper, upper), (upper, lower)]
-    layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
-    return np.stack(layers, axis=-1).reshape(-1, 8)
 
 
 class Out:
@@ -51,6 +40,16 @@ class Out:
             return
         for start in range(0, len(values), a_line):
             self.body += b"".join(b"%12.5e" % v for v in values[start : start + a_line]) + b"\n"
+
+    def variable(self, name: str, *parts: tuple[int, str, Any]) -> None:
+        """A whole variable: part, kind of its elements, and values, for each part."""
+        self.text(name)
+        for number, kind, values in parts:
+            self.text("part")
+            self.integers(number)
+            self.text(kind)
+            self.floats(values)
+        self.save()
 
     def save(self) -> None:
         self.file.write_bytes(self.body)
@@ -94,7 +93,7 @@ def write_ensight(
         for face in itertools.chain.from_iterable(own):
             geo.integers(np.array(face) + 1, a_line=4)
     else:
-        geo.integers(hexahedra(block) + 1, a_line=8)
+        geo.integers(block.hexahedra + 1, a_line=8)
     geo.text("part")  # walls, which hold no cell
     geo.integers(2)
     geo.text("walls")
@@ -108,14 +107,9 @@ def write_ensight(
 
     for number, share in ((0, 0.5), (5, 1.0)):
         for name, values in gas.items():
+            now = values * (share if name == "C7H16" else 1.0)
             out = Out(root / f"case.{number:03d}.{name}", binary, order)
-            out.text(name)
-            for part, many in ((1, values), (2, values[:1])):
-                out.text("part")
-                out.integers(part)
-                out.text(kind if part == 1 else "quad4")
-                out.floats(many * (share if name == "C7H16" else 1.0))
-            out.save()
+            out.variable(name, (1, kind, now), (2, "quad4", now[:1]))
         out = Out(root / f"case.{number:03d}.mgeo", binary, order, head=True)
         out.text("parcels")
         out.text("particle coordinates")
@@ -256,23 +250,3 @@ WRITERS: dict[str, tuple[Callable[[Path, Sample], Path], float]] = {
     "converge": (lambda root, sample: write_converge(root, sample, new=True), 5e-6),
     "converge-before-3.1": (lambda root, sample: write_converge(root, sample, new=False), 5e-6),
 }
-
-
-@dataclass(frozen=True)
-class Writers:
-    """What the tests of this folder share; `place` are the keys of a scene's frame."""
-
-    every: dict[str, tuple[Callable[[Path, Sample], Path], float]] = field(
-        default_factory=lambda: WRITERS
-    )
-    ensight: Callable[..., Path] = write_ensight
-    converge: Callable[..., Path] = write_converge
-    tables: Callable[..., Path] = write_tables
-    place: dict[str, Any] = field(
-        default_factory=lambda: {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
-    )
-
-
-@pytest.fixture
-def writers() -> Writers:
-    return Writers()

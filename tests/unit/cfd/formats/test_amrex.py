@@ -16,6 +16,7 @@ from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.reading import notes_of, read, refused
 
 NAMES = ("x_velocity", "density", "temp", "RhoRT", "Y(NC7H16)")
 PARTICLES = ("xvel", "yvel", "zvel", "temperature", "diam", "spray_mf_NC7H16", "number_density")
@@ -158,7 +159,7 @@ def mapping(tmp_path: Path) -> Path:
 )
 def test_masses_and_places(tmp_path: Path, mapping: Path, plot: Plot) -> None:
     case = plot.write(tmp_path / "plt00007")
-    spray = read_cfd(CfdSpray(file=case, mapping=mapping, **PLACE))
+    spray = read(case, mapping=mapping, **PLACE)
     coarse, fine = gas(((0, 0, 0), (7, 7, 15)), EDGE_m), gas(FINE, EDGE_m / 2)
     vapour = coarse[1] * coarse[4] * EDGE_m**3
     if plot.levels == 2:
@@ -219,16 +220,13 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
 
 def test_what_it_lacks_is_named(tmp_path: Path, mapping: Path) -> None:
     case = Plot().write(tmp_path / "plt")
-    with pytest.raises(SprayError, match=r"no field 'rho'; it has: .*constant: `density: 684`"):
-        read_cfd(CfdSpray(file=case, **PLACE))
+    refused(case, r"no field 'rho'; it has: .*constant: `density: 684`", **PLACE)
     with pytest.raises(SprayError, match=r"no cell field 'IC8H18'.*it has: .*Y\(NC7H16\)"):
         read_cfd(CfdSpray(file=case, mapping=mapping, **{**PLACE, "fuel_field": "IC8H18"}))
     twice = Plot(ids=[*range(1, 40), 1]).write(tmp_path / "twice")
-    with pytest.raises(SprayError, match="particle field id of cpu: 1 occurs 2 times"):
-        read_cfd(CfdSpray(file=twice, mapping=mapping, **PLACE))
+    refused(twice, "particle field id of cpu: 1 occurs 2 times", mapping=mapping, **PLACE)
     other = Plot(names=(*NAMES[:-1], "rho_E")).write(tmp_path / "pelec")
-    with pytest.raises(SprayError, match=r"rho_E, of PeleC.* cm, g, s; allowed: .* in m, kg, s"):
-        read_cfd(CfdSpray(file=other, mapping=mapping, **PLACE))
+    refused(other, r"rho_E, of PeleC.* cm, g, s; allowed: .* in m, kg, s", mapping=mapping, **PLACE)
 
 
 DAMAGE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
@@ -255,8 +253,7 @@ def test_damaged_files_are_named(tmp_path: Path, mapping: Path, name: str) -> No
     whole = (case / name).read_bytes()
     assert change(whole) != whole
     (case / name).write_bytes(change(whole))
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=case, mapping=mapping, **PLACE))
+    refused(case, message, mapping=mapping, **PLACE)
 
 
 def test_other_boxes_and_values_than_its_lists_state(tmp_path: Path, mapping: Path) -> None:
@@ -321,6 +318,6 @@ def test_as_vtk_reads_it(tmp_path: Path, mapping: Path) -> None:
             number, size = numbers(drops, "number_density"), numbers(drops, "diam")
             liquid += 684 * np.pi / 6 * np.sum(number * size**3)
         every.GoToNextItem()
-    notes = read_cfd(CfdSpray(file=case, mapping=mapping, **PLACE)).notes
+    notes = notes_of(case, mapping=mapping, **PLACE)
     assert notes["vapour_mass_kg"] == pytest.approx(vapour, rel=1e-12)
     assert notes["liquid_mass_kg"] == pytest.approx(liquid, rel=1e-12)

@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from cldit.cfd.names import molar_mass_kg_mol, similar
-from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
-from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import write_converge
+from tests.unit.cfd.reading import read
 from tests.unit.cfd.test_vtk import block_grid, save, vtk_array
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
-
-PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 
 
 def told(path: Path, **keys: Any) -> str:
-    return " ".join(read_cfd(CfdSpray(file=path, **PLACE, **keys)).remarks)
+    return " ".join(read(path, **keys).remarks)
 
 
 @pytest.mark.parametrize("name", ["Rho", "rhoo", "rho_", "rhO"])
-def test_misspelt_density(tmp_path: Path, foam: Foam, name: str) -> None:
+def test_misspelt_density(tmp_path: Path, name: str) -> None:
     block, gas, cloud = foam.sample()
     density = gas.pop("rho")
     case = foam.write(tmp_path / "case", block, gas=gas | {name: density}, cloud=cloud)
@@ -46,13 +41,12 @@ def test_misspelt_density(tmp_path: Path, foam: Foam, name: str) -> None:
     assert "at p and T was used" not in told(case, mapping=mapping)
 
 
-def test_whole_case_says_nothing(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()
-    said = told(foam.write(tmp_path, block, gas=gas, cloud=cloud))
+def test_whole_case_says_nothing(tmp_path: Path) -> None:
+    said = told(foam.case(tmp_path))
     assert "ideal" not in said and "Molar mass" not in said and "its time" not in said
 
 
-def test_density_alone_and_no_time(tmp_path: Path, foam: Foam) -> None:
+def test_density_alone_and_no_time(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     del gas["p"]
     said = told(save(tmp_path / "gas.vtu", block_grid(block, gas)), cloud="none")
@@ -60,12 +54,12 @@ def test_density_alone_and_no_time(tmp_path: Path, foam: Foam) -> None:
     assert "does not state its time" in said
 
 
-def test_another_fuel_has_its_own_molar_mass(tmp_path: Path, foam: Foam) -> None:
+def test_another_fuel_has_its_own_molar_mass(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     gas["C8H18"] = gas.pop("C7H16")
     case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
     assert "Fuel C8H18, 0.114232 kg/mol." in told(case, fuel_field="C8H18")
-    by_formula = read_cfd(CfdSpray(file=case, **PLACE, fuel_field="C8H18")).vapour
+    by_formula = read(case, fuel_field="C8H18").vapour
     assert by_formula is not None and by_formula.molar_mass_kg_mol == pytest.approx(0.114232)
     said = told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.1)
     assert "Molar mass of C8H18: 0.1 kg/mol, as given; by its formula it is 0.1142" in said
@@ -93,10 +87,10 @@ def test_similar_names() -> None:
     assert similar("rho", ["U", "T", "alphat"]) == []
 
 
-def test_two_names_of_one_quantity(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+def test_two_names_of_one_quantity(tmp_path: Path) -> None:
     import h5py
 
-    folder = writers.converge(tmp_path, foam.sample(), new=True)
+    folder = write_converge(tmp_path, foam.sample(), new=True)
     for path in folder.glob("*.h5"):
         with h5py.File(path, "r+") as file:
             cells = file["STREAM_00/CELL_CENTER_DATA"]
@@ -104,7 +98,7 @@ def test_two_names_of_one_quantity(tmp_path: Path, foam: Foam, writers: Writers)
     assert "of TEMPERATURE and TEMP, TEMPERATURE was used as the temperature" in told(folder)
 
 
-def test_weight_of_means_over_corners(tmp_path: Path, foam: Foam) -> None:
+def test_weight_of_means_over_corners(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     grid = block_grid(block, {name: gas[name] for name in ("p", "T", "rho")})
     count = grid.GetNumberOfPoints()

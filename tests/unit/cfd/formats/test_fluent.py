@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 from cldit.cfd.formats import contents, read_case
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.test_formats import FIGURES
+from tests.unit.cfd.reading import notes_of, read, refused
 
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-
-PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 NAMES = {"T": "SV_T", "rho": "SV_DENSITY", "C7H16": "C7H16", "p": "SV_P"}
 
 
@@ -99,7 +95,7 @@ parcels:
 """
 
 
-def test_pair_and_particles(tmp_path: Path, foam: Foam) -> None:
+def test_pair_and_particles(tmp_path: Path) -> None:
     """Doubles throughout; density is mass over volume, three roundings."""
     block, gas, cloud = sample = foam.sample()
     case = write_fluent(tmp_path / "fluent", sample)
@@ -107,22 +103,21 @@ def test_pair_and_particles(tmp_path: Path, foam: Foam) -> None:
     mapping = tmp_path / "names.yaml"
     mapping.write_text(MAPPING)
     foam_case = foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud)
-    expected = read_cfd(CfdSpray(file=foam_case, **PLACE))
+    expected = read(foam_case)
     for file in (case, case.with_name("run.dat.h5")):
-        spray = read_cfd(CfdSpray(file=file, mapping=mapping, **PLACE))
+        spray = read(file, mapping=mapping)
         for name in FIGURES:
             assert spray.notes[name] == pytest.approx(expected.notes[name], rel=1e-12), name
         known = [Path(each.path).name for each in spray.files]
         assert known == ["names.yaml", "run.cas.h5", "run.dat.h5", "drops.dpm"]
         assert "no pressure among the cell fields" in " ".join(spray.remarks)
-    gas_alone = read_cfd(CfdSpray(file=case, **PLACE))
+    gas_alone = read(case)
     assert gas_alone.parcels is None
     assert contents(CfdSpray(file=case)).fields == ("C7H16", "SV_DENSITY", "SV_P", "SV_T")
-    with pytest.raises(SprayError, match=r"names the parcels, and spray\.cloud is 'other'"):
-        read_cfd(CfdSpray(file=case, mapping=mapping, cloud="other", **PLACE))
+    refused(case, r"names the parcels, and spray\.cloud is 'other'", mapping=mapping, cloud="other")
 
 
-def test_vtk_reads_the_same(tmp_path: Path, foam: Foam) -> None:
+def test_vtk_reads_the_same(tmp_path: Path) -> None:
     """The layout of the test is one that another reader of Fluent's files takes."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
@@ -171,30 +166,25 @@ def test_vtk_reads_the_same(tmp_path: Path, foam: Foam) -> None:
         (lambda f: f["meshes/1"].attrs.__setitem__("cellCount", 7), "cells that do not exist"),
     ],
 )
-def test_refusals(tmp_path: Path, foam: Foam, change: Any, match: str) -> None:
+def test_refusals(tmp_path: Path, change: Any, match: str) -> None:
     case = write_fluent(tmp_path, foam.sample())
     with h5py.File(case, "r+") as file:
         change(file)
     if not match:  # sections in any order of their names
-        assert read_cfd(CfdSpray(file=case, **PLACE)).notes["gas_cells"] > 0
+        assert notes_of(case)["gas_cells"] > 0
         return
-    with pytest.raises(SprayError, match=match):
-        read_cfd(CfdSpray(file=case, **PLACE))
+    refused(case, match)
 
 
-def test_incomplete(tmp_path: Path, foam: Foam) -> None:
+def test_incomplete(tmp_path: Path) -> None:
     case = write_fluent(tmp_path, foam.sample())
-    with pytest.raises(SprayError, match="does not state its time"):
-        read_cfd(CfdSpray(file=case, time_s=0.1, **PLACE))
-    with pytest.raises(SprayError, match=r"no cloud 'drops'"):
-        read_cfd(CfdSpray(file=case, cloud="drops", **PLACE))
+    refused(case, "does not state its time", time_s=0.1)
+    refused(case, r"no cloud 'drops'", cloud="drops")
     with h5py.File(case.with_name("run.dat.h5"), "r+") as file:
         file["results/1"].create_group("phase-2")
-    with pytest.raises(SprayError, match="phase-2 in addition to phase-1"):
-        read_cfd(CfdSpray(file=case, **PLACE))
+    refused(case, "phase-2 in addition to phase-1")
     case.with_name("run.dat.h5").unlink()
-    with pytest.raises(SprayError, match=r"run\.dat\.h5 is missing"):
-        read_cfd(CfdSpray(file=case, **PLACE))
+    refused(case, r"run\.dat\.h5 is missing")
 
 
 @pytest.mark.parametrize(
@@ -206,11 +196,10 @@ def test_incomplete(tmp_path: Path, foam: Foam) -> None:
         ("(x y z", "(x x z", "its header has the column .x. twice"),
     ],
 )
-def test_damaged_particles(tmp_path: Path, foam: Foam, old: str, new: str, match: str) -> None:
+def test_damaged_particles(tmp_path: Path, old: str, new: str, match: str) -> None:
     _, _, cloud = sample = foam.sample()
     case = write_fluent(tmp_path, sample)
     file = write_dpm(tmp_path / "drops.dpm", cloud)
     (tmp_path / "names.yaml").write_text(MAPPING)
     file.write_text(file.read_text().replace(old, new, 1))
-    with pytest.raises(SprayError, match=match):
-        read_cfd(CfdSpray(file=case, mapping=tmp_path / "names.yaml", **PLACE))
+    refused(case, match, mapping=tmp_path / "names.yaml")

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cldit.cfd.formats import contents
 from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import WRITERS, write_converge, write_ensight
+from tests.unit.cfd.reading import FRAME, notes_of, read, refused
 
 KINDS = [
     "tables",
@@ -39,16 +37,12 @@ FIGURES = (
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_same_figures_in_every_format(
-    tmp_path: Path, foam: Foam, writers: Writers, kind: str
-) -> None:
-    write, slack = writers.every[kind]
+def test_same_figures_in_every_format(tmp_path: Path, kind: str) -> None:
+    write, slack = WRITERS[kind]
     block, gas, cloud = sample = foam.sample()
     path = write(tmp_path / "other", sample)
-    spray = read_cfd(CfdSpray(file=path, **writers.place))
-    expected = read_cfd(
-        CfdSpray(file=foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud), **writers.place)
-    )
+    spray = read(path)
+    expected = read(foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud))
     mass = np.sum(cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3)
     assert spray.notes["liquid_mass_kg"] == pytest.approx(mass, rel=slack)
     vapour = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
@@ -64,40 +58,35 @@ def test_same_figures_in_every_format(
     assert found.format == kind.split("-")[0]
     assert found.times_s[-1] == 0.001
     assert len(found.clouds) == 1
-    axis = {key: writers.place[key] for key in ("nozzle_m",)}
+    axis = {key: FRAME[key] for key in ("nozzle_m",)}
     inferred = read_cfd(CfdSpray(file=path, **axis))  # the velocity came over
     assert inferred.notes["axis_y"] == -1.0
 
 
-def test_sheared_cells_and_earlier_time(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+def test_sheared_cells_and_earlier_time(tmp_path: Path) -> None:
     block, gas, _ = sample = foam.sample(shear=0.4)
     vapour = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
     for polyhedra in (False, True):
-        path = writers.ensight(tmp_path / str(polyhedra), sample, binary=True, polyhedra=polyhedra)
-        now = read_cfd(CfdSpray(file=path, **writers.place)).notes
+        path = write_ensight(tmp_path / str(polyhedra), sample, binary=True, polyhedra=polyhedra)
+        now = notes_of(path)
         assert now["vapour_mass_kg"] == pytest.approx(vapour, rel=5e-6)
-        early = read_cfd(CfdSpray(file=path, time_s=0.0005, **writers.place)).notes
+        early = notes_of(path, time_s=0.0005)
         assert early["vapour_mass_kg"] == pytest.approx(vapour / 2, rel=5e-6)
-    folder = writers.converge(tmp_path / "h5", sample, new=True)
-    assert read_cfd(CfdSpray(file=folder, **writers.place)).notes[
-        "vapour_mass_kg"
-    ] == pytest.approx(vapour, rel=5e-6)
+    folder = write_converge(tmp_path / "h5", sample, new=True)
+    assert notes_of(folder)["vapour_mass_kg"] == pytest.approx(vapour, rel=5e-6)
     first = min(folder.iterdir())
-    assert read_cfd(CfdSpray(file=first, **writers.place)).notes["time_s"] == 0.0005
-    with pytest.raises(SprayError, match=r"no time 0\.002 s .* available: 0\.0005, 0\.001"):
-        read_cfd(CfdSpray(file=folder, time_s=0.002, **writers.place))
+    assert notes_of(first)["time_s"] == 0.0005
+    refused(folder, r"no time 0\.002 s .* available: 0\.0005, 0\.001", time_s=0.002)
 
 
 @pytest.mark.parametrize("new", [False, True])
-def test_vtk_reads_the_same_post_file(
-    tmp_path: Path, foam: Foam, writers: Writers, new: bool
-) -> None:
+def test_vtk_reads_the_same_post_file(tmp_path: Path, new: bool) -> None:
     """That the layout written here is CONVERGE's is vtk's word, not the reader's own."""
     pytest.importorskip("vtkmodules")
     from vtkmodules.vtkIOCONVERGECFD import vtkCONVERGECFDReader
 
     block, _, cloud = sample = foam.sample()
-    folder = writers.converge(tmp_path, sample, new=new)
+    folder = write_converge(tmp_path, sample, new=new)
     reader: Any = vtkCONVERGECFDReader()
     reader.SetFileName(str(min(folder.iterdir())))
     reader.Update()
@@ -112,15 +101,13 @@ def test_vtk_reads_the_same_post_file(
 
 
 @pytest.mark.parametrize("binary", [False, True])
-def test_vtk_reads_the_same_ensight(
-    tmp_path: Path, foam: Foam, writers: Writers, binary: bool
-) -> None:
+def test_vtk_reads_the_same_ensight(tmp_path: Path, binary: bool) -> None:
     pytest.importorskip("vtkmodules")
     from vtkmodules.vtkIOEnSight import vtkEnSightGoldCombinedReader
 
     block, gas, cloud = sample = foam.sample()
     reader: Any = vtkEnSightGoldCombinedReader()
-    reader.SetCaseFileName(str(writers.ensight(tmp_path, sample, binary=binary)))
+    reader.SetCaseFileName(str(write_ensight(tmp_path, sample, binary=binary)))
     reader.Update()
     data = reader.GetOutputDataObject(0)
     parts = [data.GetPartition(n, 0) for n in range(data.GetNumberOfPartitionedDataSets())]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,109 +14,37 @@ import yaml
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
-
-
-@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
-@pytest.mark.parametrize("left", [0.0, 0.3, 0.7, 0.97])
-def test_truncated(tmp_path: Path, foam: Foam, writers: Writers, kind: str, left: float) -> None:
-    path = writers.every[kind][0](tmp_path, foam.sample())
-    early = [".000.", "post000001"]
-    for file in sorted(tmp_path.iterdir()):
-        if any(part in file.name for part in early) or file.suffix in (".case", ".yaml"):
-            continue
-        whole = file.read_bytes()
-        file.write_bytes(whole[: int(left * len(whole))])
-        with pytest.raises(SprayError, match=re.escape(str(file))):
-            read_cfd(CfdSpray(file=path, **writers.place))
-        file.write_bytes(whole)
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes["parcels"] == 17
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import write_converge, write_ensight, write_tables
+from tests.unit.cfd.reading import FRAME, notes_of, refused
 
 
-def changed(values: Any, entry: int, value: float) -> Any:
-    return np.where(np.arange(len(values)) == entry, value, values)
-
-
-WRONG: list[tuple[str, str, float, str]] = [
-    ("cloud", "d", -9e-6, "(RADIUS|m_d|column R).*-"),
-    ("cloud", "d", 9.0, "is outside 1e-09..0.005"),
-    ("cloud", "T", np.nan, "nan .entry 3."),
-    ("cloud", "nParticle", -5.0, "entry 3"),
-    ("gas", "T", np.nan, "nan .entry 3."),
-    ("gas", "C7H16", 1.5, "mass fraction"),
-    ("gas", "rho", -1.0, "density in kg/m3"),
-]
-
-
-@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
-@pytest.mark.parametrize(("part", "name", "value", "message"), WRONG)
-def test_impossible_values(
-    tmp_path: Path,
-    foam: Foam,
-    writers: Writers,
-    kind: str,
-    part: str,
-    name: str,
-    value: float,
-    message: str,
-) -> None:
-    block, gas, cloud = foam.sample()
-    values = {"gas": gas, "cloud": cloud}[part]
-    values[name] = changed(values[name], 3, value)
-    path = writers.every[kind][0](tmp_path, (block, gas, cloud))
-    with pytest.raises(SprayError, match=message) as caught:
-        read_cfd(CfdSpray(file=path, **writers.place))
-    assert str(tmp_path) in str(caught.value)
-
-
-@pytest.mark.parametrize("kind", ["ensight", "ensight-ascii", "converge", "tables"])
-def test_wrong_units(tmp_path: Path, foam: Foam, writers: Writers, kind: str) -> None:
-    def refused(message: str, block: Any, gas: Any, cloud: Any) -> None:
-        path = writers.every[kind][0](tmp_path, (block, gas, cloud))
-        with pytest.raises(SprayError, match=message):
-            read_cfd(CfdSpray(file=path, **writers.place))
-
-    block, gas, cloud = foam.sample()
-    far = cloud["position"] * 1000
-    refused("parcel 0 at .* is outside the mesh", block, gas, cloud | {"position": far})
-    refused("one of them is not in kg/m3, K, Pa", block, gas | {"rho": gas["rho"] / 1000}, cloud)
-    refused("one of them is not in kg/m3, K, Pa", block, gas | {"p": gas["p"] / 1e5}, cloud)
-    refused("mass fraction", block, gas | {"C7H16": gas["C7H16"] * 100}, cloud)
-    big = foam.block(tuple(edge * 5000 for edge in block.edges))  # type: ignore[arg-type]
-    refused("m wide; allowed: up to 10 m .*metres", big, gas, cloud | {"position": far * 5})
-
-
-def test_mapping_of_ensight_and_converge(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+def test_mapping_of_ensight_and_converge(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     expected = np.sum(cloud["nParticle"] * 700.0 * np.pi / 6 * cloud["d"] ** 3)
     odd = {"position": cloud["position"], "halfmicron": cloud["d"] * 5e5} | {
         "n": cloud["nParticle"],
         "temp": cloud["T"],
     }
-    path = writers.ensight(tmp_path, (block, gas, odd), binary=True)
-    with pytest.raises(SprayError, match=r"cloud .* has no field 'd'; it has: halfmicron, n, temp"):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    path = write_ensight(tmp_path, (block, gas, odd), binary=True)
+    refused(path, r"cloud .* has no field 'd'; it has: halfmicron, n, temp")
     mapping = tmp_path / "names.yaml"
     mapping.write_text(
         "parcels: {radius: {column: halfmicron, unit: um}, number: n, temperature: temp,\n"
         "  density: 700}\n"
     )
-    notes = read_cfd(CfdSpray(file=path, mapping=mapping, **writers.place)).notes
+    notes = notes_of(path, mapping=mapping)
     assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-6)
     h5py = pytest.importorskip("h5py")
-    folder = writers.converge(tmp_path / "h5", (block, gas, cloud), new=False)
+    folder = write_converge(tmp_path / "h5", (block, gas, cloud), new=False)
     with h5py.File(max(folder.iterdir()), "r+") as file:
         del file["STREAM_00/PARCEL_DATA/DENSITY"]
-    with pytest.raises(SprayError, match="has no field 'rho'"):
-        read_cfd(CfdSpray(file=folder, **writers.place))
+    refused(folder, "has no field 'rho'")
     mapping.write_text("parcels: {density: 700}")
-    notes = read_cfd(CfdSpray(file=folder, mapping=mapping, **writers.place)).notes
+    notes = notes_of(folder, mapping=mapping)
     assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-6)
     case = foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud)
-    notes = read_cfd(CfdSpray(file=case, mapping=mapping, **writers.place)).notes
+    notes = notes_of(case, mapping=mapping)
     assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-12)
 
 
@@ -136,17 +64,14 @@ def test_mapping_of_ensight_and_converge(tmp_path: Path, foam: Foam, writers: Wr
         ("parcels_density", 0.7, "density"),
     ],
 )
-def test_mapping_that_is_wrong(
-    tmp_path: Path, foam: Foam, writers: Writers, key: str, value: Any, message: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample(), **{key: value})
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **writers.place))
+def test_mapping_that_is_wrong(tmp_path: Path, key: str, value: Any, message: str) -> None:
+    path = write_tables(tmp_path, foam.sample(), **{key: value})
+    refused(path, message)
 
 
-def test_cells_by_volume(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+def test_cells_by_volume(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
-    path = writers.tables(tmp_path, (block, gas, cloud))
+    path = write_tables(tmp_path, (block, gas, cloud))
     lines = (tmp_path / "cells.csv").read_text().splitlines()
     volumes = ["Vol", *(repr(value) for value in (block.volume * 1e9).tolist())]
     joined = [f"{line},{volume}" for line, volume in zip(lines[1:], volumes, strict=True)]
@@ -155,17 +80,13 @@ def test_cells_by_volume(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     del mapping["cells"]["size"]
     mapping["cells"]["volume"] = {"column": "Vol", "unit": "mm3"}
     path.write_text(yaml.safe_dump(mapping))
-    notes = read_cfd(CfdSpray(file=path, **writers.place)).notes
+    notes = notes_of(path)
     mass = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
     assert notes["vapour_mass_kg"] == pytest.approx(mass, rel=1e-9)
     (tmp_path / "cells.csv").write_text("\n".join(["x", joined[0], ""]))
-    with pytest.raises(SprayError, match=r"cells\.csv: no row below its header"):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, r"cells\.csv: no row below its header")
     (tmp_path / "cells.csv").write_text("\n".join(["x", *joined, "1,2,3,4,5,6,oops,1,1,1,1", ""]))
-    with pytest.raises(
-        SprayError, match=r"cells\.csv: not all numbers: row 25 has 'oops' in the column Temp"
-    ):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, r"cells\.csv: not all numbers: row 25 has 'oops' in the column Temp")
 
 
 CASE: list[tuple[str, str, str]] = [
@@ -187,15 +108,12 @@ CASE: list[tuple[str, str, str]] = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), CASE)
-def test_case_file_of_ensight(
-    tmp_path: Path, foam: Foam, writers: Writers, old: str, new: str, message: str
-) -> None:
-    path = writers.ensight(tmp_path, foam.sample(), binary=True)
+def test_case_file_of_ensight(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = write_ensight(tmp_path, foam.sample(), binary=True)
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, message)
 
 
 @pytest.mark.parametrize(
@@ -214,19 +132,16 @@ def test_case_file_of_ensight(
 )
 def test_ensight_that_is_not_read(
     tmp_path: Path,
-    foam: Foam,
-    writers: Writers,
     file: str,
     old: bytes,
     new: bytes,
     message: str,
 ) -> None:
-    path = writers.ensight(tmp_path, foam.sample(), binary=True)
+    path = write_ensight(tmp_path, foam.sample(), binary=True)
     body = (tmp_path / file).read_bytes()
     assert old in body
     (tmp_path / file).write_bytes(body.replace(old, new, 1))
-    with pytest.raises(SprayError, match=f"{re.escape(file)}: .*{message}"):
-        read_cfd(CfdSpray(file=path, **writers.place))
+    refused(path, f"{re.escape(file)}: .*{message}")
 
 
 @pytest.mark.parametrize(
@@ -243,36 +158,28 @@ def test_ensight_that_is_not_read(
         ("PARCEL_DATA/TEMP", [[300.0]], "TEMP: no list of numbers"),
     ],
 )
-def test_arrays_of_converge(
-    tmp_path: Path, foam: Foam, writers: Writers, array: str, values: Any, message: str
-) -> None:
+def test_arrays_of_converge(tmp_path: Path, array: str, values: Any, message: str) -> None:
     h5py = pytest.importorskip("h5py")
-    folder = writers.converge(tmp_path, foam.sample(), new=False)
+    folder = write_converge(tmp_path, foam.sample(), new=False)
     last = max(folder.iterdir())
     with h5py.File(last, "r+") as file:
         del file[f"STREAM_00/{array}"]
         if values is not None:
             file[f"STREAM_00/{array}"] = np.array(values)
-    with pytest.raises(SprayError, match=f"{re.escape(str(last))}.*{message}"):
-        read_cfd(CfdSpray(file=folder, **writers.place))
+    refused(folder, f"{re.escape(str(last))}.*{message}")
 
 
-def test_choices_that_are_not_there(
-    tmp_path: Path, foam: Foam, writers: Writers, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_choices_that_are_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sample = foam.sample()
     for path in (
-        writers.ensight(tmp_path / "e", sample, binary=True),
-        writers.converge(tmp_path / "c", sample, new=True),
+        write_ensight(tmp_path / "e", sample, binary=True),
+        write_converge(tmp_path / "c", sample, new=True),
     ):
-        with pytest.raises(SprayError, match=r"no cloud 'rain' .spray.cloud."):
-            read_cfd(CfdSpray(file=path, cloud="rain", **writers.place))
-        with pytest.raises(SprayError, match=r"no time 0\.3 s"):
-            read_cfd(CfdSpray(file=path, time_s=0.3, **writers.place))
-    writers.ensight(tmp_path / "c", sample, binary=True)
-    with pytest.raises(SprayError, match=r"files of converge and ensight; set spray\.format"):
-        read_cfd(CfdSpray(file=tmp_path / "c", **writers.place))
-    both = CfdSpray(file=tmp_path / "c", format="converge", **writers.place)
+        refused(path, r"no cloud 'rain' .spray.cloud.", cloud="rain")
+        refused(path, r"no time 0\.3 s", time_s=0.3)
+    write_ensight(tmp_path / "c", sample, binary=True)
+    refused(tmp_path / "c", r"files of converge and ensight; set spray\.format")
+    both = CfdSpray(file=tmp_path / "c", format="converge", **FRAME)
     assert read_cfd(both).notes["parcels"] == 17
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(SprayError, match=r'needs h5py; install it with: .* "h5py>='):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,33 +16,13 @@ from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.load import load_scene
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Spray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import write_ensight
+from tests.unit.cfd.reading import read, same
 
 
-def same(one: Spray, two: Spray) -> bool:
-    assert one.parcels is not None
-    assert two.parcels is not None
-    assert one.vapour is not None
-    assert two.vapour is not None
-    return (
-        one.notes == two.notes
-        and one.remarks == two.remarks
-        and all(
-            np.array_equal(getattr(one.parcels, name), getattr(two.parcels, name))
-            for name in ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
-        )
-        and np.array_equal(one.vapour.cells.lower_m, two.vapour.cells.lower_m)
-        and np.array_equal(one.vapour.number_density_m3, two.vapour.number_density_m3)
-    )
-
-
-def test_command(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+def test_command(tmp_path: Path) -> None:
+    case = foam.case(tmp_path / "case")
     out = tmp_path / "spray.npz"
 
     def called(*arguments: str, code: int = 0) -> str:
@@ -58,11 +37,12 @@ def test_command(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     assert "cloud sprayCloud: T, U, d, nParticle, positions, rho" in text
     place = ["--nozzle", "0.0005", "0.009", "0.0001", "--axis", "0,-1,0"]
     text = called(str(case), *place, "--out", str(out))
-    told = read_cfd(CfdSpray(file=case, **writers.place))
+    told = read(case)
     assert re.search(rf"liquid mass +{told.notes['liquid_mass_kg'] * 1e6:.5g} mg", text)
     assert re.search(r"Sauter mean diameter +\d", text)
     assert re.search(r"liquid penetration .* mm", text)
-    assert same(read_cfd(CfdSpray(file=out)), told)
+    stored = read_cfd(CfdSpray(file=out))
+    assert same(stored, told) and stored.remarks == told.remarks
     assert "format: cldit" in called(str(out), "--list")
     assert "is not a direction" in called(str(case), "--axis", "0,-1,up", code=2)
     assert not list(tmp_path.glob("*.part"))
@@ -75,9 +55,8 @@ def test_command(tmp_path: Path, foam: Foam, writers: Writers) -> None:
 PLACE = ("--axis", "-y", "--nozzle", "0", "0.009", "0")
 
 
-def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+def test_own_file_that_is_damaged(tmp_path: Path) -> None:
+    case = foam.case(tmp_path / "case")
     out = tmp_path / "spray.npz"
     result = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out)])
     assert result.exit_code == 0, result.output
@@ -120,8 +99,8 @@ def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) 
             read_cfd(CfdSpray(file=out))
 
 
-def test_scene_finds_its_files(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    path = writers.ensight(tmp_path / "data", foam.sample(), binary=True)
+def test_scene_finds_its_files(tmp_path: Path) -> None:
+    path = write_ensight(tmp_path / "data", foam.sample(), binary=True)
     (tmp_path / "names.yaml").write_text("parcels: {density: 700}")
     scene = tmp_path / "scene.yaml"
     scene.write_text(

@@ -6,7 +6,7 @@ import os
 import re
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -16,41 +16,23 @@ from cldit.cfd.importing import imported
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
+from tests.unit.cfd.composites import write_format
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.reading import FRAME
 
 KINDS = ["openfoam", "vtk", "tables", "ensight", "ensight-ascii", "converge"]
 KINDS += ["vtkhdf", "cgns", "fluent", "parquet"]
 
 
-def written(kind: str, folder: Path, foam: Foam, writers: Writers) -> CfdSpray:
+def written(kind: str, folder: Path) -> CfdSpray:
     """The sample in one format."""
-    sample = foam.sample()
-    block, gas, cloud = sample
-    if kind == "openfoam":
-        case = foam.write(folder, block, gas=gas, cloud=cloud)
-    elif kind == "vtk":
-        from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
-
-        pytest.importorskip("vtkmodules")
-        case = folder
-        save(folder / "case_1" / "internal.vtu", block_grid(block, gas))
-        save(folder / "lagrangian" / "rain" / "rain_1.vtp", cloud_data(cloud))
-    elif kind in ("vtkhdf", "cgns", "fluent", "parquet"):
-        from tests.unit.cfd import test_damage
-
-        case = test_damage.write(kind, folder, foam)
-    else:
-        case = writers.every[kind][0](folder, sample)
-    return CfdSpray(file=case, **writers.place)
+    return CfdSpray(file=write_format(kind, folder, foam.sample()), **FRAME)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_progress_is_told(kind: str, tmp_path: Path, foam: Foam, writers: Writers) -> None:
+def test_progress_is_told(kind: str, tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
-    spec = written(kind, tmp_path / "case", foam, writers)
+    spec = written(kind, tmp_path / "case")
     out = tmp_path / "spray.npz"
     imported(spec, out, watch=lambda *each: told.append(each))
     assert all(0 <= done <= total for _, done, total in told)
@@ -60,10 +42,10 @@ def test_progress_is_told(kind: str, tmp_path: Path, foam: Foam, writers: Writer
     assert phases[0].startswith(("reading", "measuring cells"))
 
 
-@pytest.mark.parametrize("phase", ["reading internal.vtu", "measuring cells", "writing spray.npz"])
-def test_control_c_leaves_nothing(phase: str, tmp_path: Path, foam: Foam, writers: Writers) -> None:
+@pytest.mark.parametrize("phase", ["reading gas.vtu", "measuring cells", "writing spray.npz"])
+def test_control_c_leaves_nothing(phase: str, tmp_path: Path) -> None:
     """The signal itself, as the terminal sends it; vtk, too, stops."""
-    spec = written("vtk", tmp_path / "case", foam, writers)
+    spec = written("vtk", tmp_path / "case")
     folder = tmp_path / "out"
     folder.mkdir()
     before = signal.getsignal(signal.SIGINT)  # a shell's background jobs ignore it
@@ -85,9 +67,9 @@ def test_control_c_leaves_nothing(phase: str, tmp_path: Path, foam: Foam, writer
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_does_not_fit_is_refused_before_it_is_read(
-    kind: str, tmp_path: Path, foam: Foam, writers: Writers, monkeypatch: pytest.MonkeyPatch
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spec = written(kind, tmp_path / "case", foam, writers)
+    spec = written(kind, tmp_path / "case")
     monkeypatch.setattr(size, "free_bytes", lambda: 0.1e9)
     told: list[Any] = []
     with pytest.raises(SprayError) as caught:
@@ -113,10 +95,8 @@ def test_who_does_not_know_what_is_free_refuses_nothing(monkeypatch: pytest.Monk
     size.check_room(Path("case"), large)
 
 
-def test_command_shows_the_refusal(
-    tmp_path: Path, foam: Foam, writers: Writers, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    spec = written("openfoam", tmp_path / "case", foam, writers)
+def test_command_shows_the_refusal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = written("openfoam", tmp_path / "case")
     monkeypatch.setattr(size, "free_bytes", lambda: 1)
     out = tmp_path / "spray.npz"
     result = CliRunner().invoke(main, ["import", str(spec.file), "--out", str(out)])

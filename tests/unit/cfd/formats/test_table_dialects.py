@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
-from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import write_tables
+from tests.unit.cfd.reading import notes_of, read, refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
 
 
 def parcels(path: Path, change: Callable[[str], str]) -> dict[str, Any]:
     """Rewrites the table of parcels with commas, then by `change`; its mapping, to be written."""
     file = path.parent / "drops.txt"
     text = file.read_text().replace(" ", ",").replace("made,by,a,test\n", "")
-    file.write_text(change(text), encoding="utf-8")
+    file.write_bytes(change(text).encode("utf-8", "surrogateescape"))
     mapping: dict[str, Any] = yaml.safe_load(path.read_text())
     del mapping["parcels"]["delimiter"], mapping["parcels"]["header_line"]
     return mapping
@@ -59,132 +56,6 @@ def decimal_commas(text: str) -> str:
     return text.replace(",", ";").replace(".", ",")
 
 
-@pytest.mark.parametrize(
-    "change",
-    [quoted_comma, quoted_cells, semicolons, tabs, marked_utf8, decimal_commas],
-    ids=lambda change: change.__name__,
-)
-def test_dialects(tmp_path: Path, foam: Foam, writers: Writers, change: Any) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
-    mapping = parcels(path, change)
-    if change is decimal_commas:
-        path.write_text(yaml.safe_dump(mapping))
-        with pytest.raises(SprayError, match=r"not all numbers.*`decimal: ','`"):
-            read_cfd(CfdSpray(file=path, **writers.place))
-        mapping["parcels"]["decimal"] = ","
-    path.write_text(yaml.safe_dump(mapping))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
-
-
-def test_units_in_the_header(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
-    mapping = parcels(
-        path,
-        lambda text: text.replace(
-            "X,Y,Z,R,M,T,rho", "X [mm],Y [mm],Z (mm),R [µm],M [mg],T (K),rho", 1
-        ),
-    )
-    named = mapping["parcels"]
-    named["position"], named["radius"], named["mass"] = ["X", "Y", "Z"], "R", "M [mg]"
-    path.write_text(yaml.safe_dump(mapping))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
-    named["radius"] = {"column": "R", "unit": "mm"}
-    path.write_text(yaml.safe_dump(mapping))
-    with pytest.raises(SprayError, match=r"column 'R \[µm\]' is in um by its name, and in mm by"):
-        read_cfd(CfdSpray(file=path, **writers.place))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda text: text.replace("\n", ",9\n", 2).replace(",9", "", 1), "line 2 has 11 cells"),
-        (
-            lambda text: text.replace("X,", "X;", 1),
-            "line 2 has 1 cells, the header 2",
-        ),
-        (lambda text: text.replace(".", ","), "line 2 has .* cells, the header 10"),
-        (lambda text: text[: len(text) // 2], "last line has no end"),
-    ],
-)
-def test_rows_that_do_not_fit(
-    tmp_path: Path, foam: Foam, writers: Writers, change: Any, message: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    path.write_text(yaml.safe_dump(parcels(path, change)))
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **writers.place))
-
-
-def test_a_quote_that_is_not_closed(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    """Two stray quotes in a column of text would make the rows between them one cell."""
-    path = writers.tables(tmp_path, foam.sample())
-    mapping = parcels(path, lambda text: text)
-    file = tmp_path / "drops.txt"
-    rows = [f"{row},x" for row in file.read_text().splitlines()]
-    rows[2], rows[5] = f'{rows[2][:-1]}"x', f'{rows[5][:-1]}"x'
-    file.write_text("\n".join([*rows, ""]))
-    path.write_text(yaml.safe_dump(mapping))
-    with pytest.raises(
-        SprayError, match=r"drops\.txt: 17 lines make 14 rows: a quote is not closed"
-    ):
-        read_cfd(CfdSpray(file=path, **writers.place))
-
-
-@pytest.mark.parametrize("mark", [",", "\t", " "])
-def test_blank_lines_and_comments(mark: str, tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
-    mapping = parcels(path, lambda text: text.replace("\n", "\n   \n  # a comment\n"))
-    file = tmp_path / "drops.txt"
-    file.write_text(file.read_text().replace(",", mark))
-    path.write_text(yaml.safe_dump(mapping))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
-
-
-def test_gas_alone_is_a_choice(tmp_path: Path, foam: Foam, writers: Writers) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    spray = read_cfd(CfdSpray(file=path, cloud="none", **writers.place))
-    assert spray.parcels is None
-    assert {Path(file.path).name for file in spray.files} == {"mapping.yaml", "cells.csv"}
-    with pytest.raises(SprayError, match="no cloud 'rain'"):
-        read_cfd(CfdSpray(file=path, cloud="rain", **writers.place))
-
-
-@pytest.mark.parametrize(
-    ("name", "values", "message"),
-    [
-        (
-            "Time (s)",
-            "0.0001 0.0002",
-            "column Time .s.: has 2 values: 0.0001, 0.0002; .*",
-        ),
-        ("Particle ID", "a7 a7", "column Particle ID: a7 occurs .* times, so the rows are tracks"),
-        ("Particle ID", "7 7", "column Particle ID: 7 occurs .* times, so the rows are tracks"),
-        ("step", "10 10", ""),
-        ("injector", "1 2", ""),
-    ],
-)
-def test_a_table_of_several_times(
-    tmp_path: Path, foam: Foam, writers: Writers, name: str, values: str, message: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    mapping = yaml.safe_load(path.read_text())
-    file = tmp_path / "drops.txt"
-    skipped, head, *rows = file.read_text().replace(" ", ";").splitlines()
-    given = values.split()
-    rows = [f"{row};{given[n % 2]}" for n, row in enumerate(rows)]
-    file.write_text("\n".join([skipped, f"{head};{name}", *rows, ""]))
-    mapping["parcels"]["delimiter"] = ";"
-    path.write_text(yaml.safe_dump(mapping))
-    if not message:
-        read_cfd(CfdSpray(file=path, **writers.place))
-        return
-    with pytest.raises(SprayError, match=message):
-        read_cfd(CfdSpray(file=path, **writers.place))
-
-
 def latin_1(text: str) -> str:
     """A header of another encoding: the degree sign is one byte, which is no UTF-8."""
     head, *rows = text.splitlines()
@@ -205,36 +76,6 @@ def utf_16(text: str) -> str:
     return ("\ufeff" + text).encode("utf-16-le").decode("utf-8", "surrogateescape")
 
 
-@pytest.mark.parametrize(
-    "change", [latin_1, fortran, remarks, utf_16], ids=lambda each: each.__name__
-)
-def test_dialects_of_solvers(tmp_path: Path, foam: Foam, writers: Writers, change: Any) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
-    mapping = parcels(path, lambda text: text)
-    path.write_text(yaml.safe_dump(mapping))
-    file = tmp_path / "drops.txt"
-    file.write_bytes(change(file.read_text()).encode("utf-8", "surrogateescape"))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
-
-
-@pytest.mark.parametrize("undefined", ["-1.#IND", "1.#QNAN0", ""])
-def test_an_undefined_number_is_one_parcel_omitted(
-    tmp_path: Path, foam: Foam, writers: Writers, undefined: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    mapping = parcels(path, lambda text: text)
-    file = tmp_path / "drops.txt"
-    head, row, *rows = file.read_text().splitlines()
-    cells = row.split(",")
-    cells[head.split(",").index("T")] = undefined
-    file.write_text("\n".join([head, ",".join(cells), *rows, ""]))
-    path.write_text(yaml.safe_dump(mapping))
-    spray = read_cfd(CfdSpray(file=path, parcels_left_out=0.1, **writers.place))
-    assert spray.notes["parcels"] == 16
-    assert any("Omitted 1 of 17 parcels" in remark for remark in spray.remarks)
-
-
 def repeated_header(text: str) -> str:
     head, *rows = text.splitlines()
     return "\n".join([head, *rows[:5], head, *rows[5:], ""])
@@ -246,14 +87,139 @@ def cfd_post(text: str) -> str:
     return f"\n[Name]\nparcels, all of them\n\n[Data]\n{named}\n{rows}"
 
 
-@pytest.mark.parametrize("change", [repeated_header, cfd_post], ids=lambda each: each.__name__)
-def test_tables_with_more_than_one_head(
-    tmp_path: Path, foam: Foam, writers: Writers, change: Any
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+DIALECTS = [quoted_comma, quoted_cells, semicolons, tabs, marked_utf8, decimal_commas]
+DIALECTS += [latin_1, fortran, remarks, utf_16, repeated_header, cfd_post]
+
+
+@pytest.mark.parametrize("change", DIALECTS, ids=lambda change: change.__name__)
+def test_dialects(tmp_path: Path, change: Any) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
+    mapping = parcels(path, change)
+    if change is decimal_commas:
+        path.write_text(yaml.safe_dump(mapping))
+        refused(path, r"not all numbers.*`decimal: ','`")
+        mapping["parcels"]["decimal"] = ","
+    path.write_text(yaml.safe_dump(mapping))
+    assert notes_of(path) == expected
+
+
+def with_first_T(cell: str) -> Callable[[str], str]:
+    """Writes `cell` as the temperature of the first parcel."""
+
+    def change(text: str) -> str:
+        head, row, *rows = text.splitlines()
+        cells = row.split(",")
+        cells[head.split(",").index("T")] = cell
+        return "\n".join([head, ",".join(cells), *rows, ""])
+
+    return change
+
+
+def test_units_in_the_header(tmp_path: Path) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
+    mapping = parcels(
+        path,
+        lambda text: text.replace(
+            "X,Y,Z,R,M,T,rho", "X [mm],Y [mm],Z (mm),R [µm],M [mg],T (K),rho", 1
+        ),
+    )
+    named = mapping["parcels"]
+    named["position"], named["radius"], named["mass"] = ["X", "Y", "Z"], "R", "M [mg]"
+    path.write_text(yaml.safe_dump(mapping))
+    assert notes_of(path) == expected
+    named["radius"] = {"column": "R", "unit": "mm"}
+    path.write_text(yaml.safe_dump(mapping))
+    refused(path, r"column 'R \[µm\]' is in um by its name, and in mm by")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("\n", ",9\n", 2).replace(",9", "", 1), "line 2 has 11 cells"),
+        (
+            lambda text: text.replace("X,", "X;", 1),
+            "line 2 has 1 cells, the header 2",
+        ),
+        (lambda text: text.replace(".", ","), "line 2 has .* cells, the header 10"),
+        (lambda text: text[: len(text) // 2], "last line has no end"),
+    ],
+)
+def test_rows_that_do_not_fit(tmp_path: Path, change: Any, message: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
     path.write_text(yaml.safe_dump(parcels(path, change)))
-    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+    refused(path, message)
+
+
+def test_a_quote_that_is_not_closed(tmp_path: Path) -> None:
+    """Two stray quotes in a column of text would make the rows between them one cell."""
+    path = write_tables(tmp_path, foam.sample())
+    mapping = parcels(path, lambda text: text)
+    file = tmp_path / "drops.txt"
+    rows = [f"{row},x" for row in file.read_text().splitlines()]
+    rows[2], rows[5] = f'{rows[2][:-1]}"x', f'{rows[5][:-1]}"x'
+    file.write_text("\n".join([*rows, ""]))
+    path.write_text(yaml.safe_dump(mapping))
+    refused(path, r"drops\.txt: 17 lines make 14 rows: a quote is not closed")
+
+
+@pytest.mark.parametrize("mark", [",", "\t", " "])
+def test_blank_lines_and_comments(mark: str, tmp_path: Path) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    expected = notes_of(path)
+    mapping = parcels(path, lambda text: text.replace("\n", "\n   \n  # a comment\n"))
+    file = tmp_path / "drops.txt"
+    file.write_text(file.read_text().replace(",", mark))
+    path.write_text(yaml.safe_dump(mapping))
+    assert notes_of(path) == expected
+
+
+def test_gas_alone_is_a_choice(tmp_path: Path) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    spray = read(path, cloud="none")
+    assert spray.parcels is None
+    assert {Path(file.path).name for file in spray.files} == {"mapping.yaml", "cells.csv"}
+    refused(path, "no cloud 'rain'", cloud="rain")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        (
+            "Time (s)",
+            "0.0001 0.0002",
+            "column Time .s.: has 2 values: 0.0001, 0.0002; .*",
+        ),
+        ("Particle ID", "a7 a7", "column Particle ID: a7 occurs .* times, so the rows are tracks"),
+        ("Particle ID", "7 7", "column Particle ID: 7 occurs .* times, so the rows are tracks"),
+        ("step", "10 10", ""),
+        ("injector", "1 2", ""),
+    ],
+)
+def test_a_table_of_several_times(tmp_path: Path, name: str, values: str, message: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    mapping = yaml.safe_load(path.read_text())
+    file = tmp_path / "drops.txt"
+    skipped, head, *rows = file.read_text().replace(" ", ";").splitlines()
+    given = values.split()
+    rows = [f"{row};{given[n % 2]}" for n, row in enumerate(rows)]
+    file.write_text("\n".join([skipped, f"{head};{name}", *rows, ""]))
+    mapping["parcels"]["delimiter"] = ";"
+    path.write_text(yaml.safe_dump(mapping))
+    if not message:
+        read(path)
+        return
+    refused(path, message)
+
+
+@pytest.mark.parametrize("undefined", ["-1.#IND", "1.#QNAN0", ""])
+def test_an_undefined_number_is_one_parcel_omitted(tmp_path: Path, undefined: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    path.write_text(yaml.safe_dump(parcels(path, with_first_T(undefined))))
+    spray = read(path, parcels_left_out=0.1)
+    assert spray.notes["parcels"] == 16
+    assert any("Omitted 1 of 17 parcels" in remark for remark in spray.remarks)
 
 
 @pytest.mark.parametrize(
@@ -264,15 +230,7 @@ def test_tables_with_more_than_one_head(
         ("warm", "row 1 has 'warm' in the column T; write numbers"),
     ],
 )
-def test_cells_that_are_no_number(
-    tmp_path: Path, foam: Foam, writers: Writers, cell: str, message: str
-) -> None:
-    path = writers.tables(tmp_path, foam.sample())
-    path.write_text(yaml.safe_dump(parcels(path, lambda text: text)))
-    file = tmp_path / "drops.txt"
-    head, row, *rows = file.read_text().splitlines()
-    cells = row.split(",")
-    cells[head.split(",").index("T")] = cell
-    file.write_text("\n".join([head, ",".join(cells), *rows, ""]))
-    with pytest.raises(SprayError, match=re.escape(message)):
-        read_cfd(CfdSpray(file=path, **writers.place))
+def test_cells_that_are_no_number(tmp_path: Path, cell: str, message: str) -> None:
+    path = write_tables(tmp_path, foam.sample())
+    path.write_text(yaml.safe_dump(parcels(path, with_first_T(cell))))
+    refused(path, re.escape(message))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner
@@ -15,16 +14,12 @@ from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.formats.test_formats import KINDS
-from tests.unit.cfd.formats.test_import import same
+from tests.unit.cfd.reading import FRAME, read, same
 from tests.unit.cfd.test_vtk import block_grid, save
 from tests.unit.cfd.vtkfiles import gas_file, parcels_file
-
-if TYPE_CHECKING:
-    from tests.unit.cfd.conftest import Foam
-    from tests.unit.cfd.formats.conftest import Writers
-
-PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 
 
 def round_trip(case: Path, out: Path) -> str:
@@ -32,7 +27,7 @@ def round_trip(case: Path, out: Path) -> str:
     lines = write_mapping(CfdSpray(file=case), out)
     assert lines[0] == str(out)
     keys = {"file": out} if case.suffix == ".yaml" else {"file": case, "mapping": out}
-    assert same(read_cfd(CfdSpray(**keys, **PLACE)), read_cfd(CfdSpray(file=case, **PLACE)))
+    assert same(read_cfd(CfdSpray(**keys, **FRAME)), read(case))
     again = out.with_name("again.yaml")
     write_mapping(CfdSpray(**keys), again)
     assert read_column_map(again).parcels == read_column_map(out).parcels
@@ -40,27 +35,26 @@ def round_trip(case: Path, out: Path) -> str:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_round_trip(tmp_path: Path, foam: Foam, writers: Writers, kind: str) -> None:
-    write, _ = writers.every[kind]
+def test_round_trip(tmp_path: Path, kind: str) -> None:
+    write, _ = WRITERS[kind]
     text = round_trip(write(tmp_path / "case", foam.sample()), tmp_path / "names.yaml")
     assert "# available: " in text
 
 
-def test_round_trip_of_openfoam_and_vtk(tmp_path: Path, foam: Foam) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+def test_round_trip_of_openfoam_and_vtk(tmp_path: Path) -> None:
+    case = foam.case(tmp_path / "case")
     text = round_trip(case, tmp_path / "foam.yaml")
     assert "  diameter: {column: d, unit: m}" in text
     assert "  velocity: {columns: [U_X, U_Y, U_Z], unit: m/s}" in text
     assert "  # age: {column: NAME, unit: s}  # not found; without it spray.nozzle_m is" in text
     (tmp_path / "vtk").mkdir()
-    gas_file(tmp_path / "vtk/gas.vtu", foam)
-    parcels_file(tmp_path / "vtk/drops.vtp", foam)
+    gas_file(tmp_path / "vtk/gas.vtu")
+    parcels_file(tmp_path / "vtk/drops.vtp")
     (tmp_path / "again.yaml").unlink()
     round_trip(tmp_path / "vtk", tmp_path / "vtk.yaml")
 
 
-def test_what_is_missing_is_proposed(tmp_path: Path, foam: Foam) -> None:
+def test_what_is_missing_is_proposed(tmp_path: Path) -> None:
     """The line without its # makes the case read."""
     block, gas, _ = foam.sample()
     names = {"Temperature [K]": gas["T"], "dens": gas["rho"], "C7H16": gas["C7H16"]}
@@ -72,7 +66,7 @@ def test_what_is_missing_is_proposed(tmp_path: Path, foam: Foam) -> None:
     assert "# temperature: {column: 'Temperature [K]', unit: K}  # not found; needed" in text
     assert "# parcels" not in text
     out.write_text(text.replace("# temperature", "temperature").replace("# density", "density"))
-    spray = read_cfd(CfdSpray(file=case, mapping=out, cloud="none", **PLACE))
+    spray = read(case, mapping=out, cloud="none")
     assert spray.notes["gas_temperature_max_K"] == pytest.approx(gas["T"].max())
     assert "at p and T was used" not in " ".join(spray.remarks)
     before = out.read_text()
@@ -104,7 +98,7 @@ def test_begun_from_a_table(tmp_path: Path) -> None:
     both = tmp_path / "case.yaml"
     first, second = (file.with_suffix(".yaml").read_text() for file in (cells, drops))
     both.write_text(first[: first.index("# parcels:")] + second[second.index("\nparcels:") :])
-    spray = read_cfd(CfdSpray(file=both, nozzle_m=(0, 0, 0), axis=(0, 1, 0)))
+    spray = read(both, nozzle_m=(0, 0, 0), axis=(0, 1, 0))
     assert spray.notes["vapour_mass_kg"] == pytest.approx(0.1 * 8 * 1e-9)
     assert spray.parcels is not None
     assert spray.parcels.temperature_K[0] == 363.15

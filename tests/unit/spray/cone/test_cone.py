@@ -24,7 +24,7 @@ from cldit.spray.cone.kinetics import plume_kinetics
 from cldit.spray.cone.nozzle import nozzle_flow
 from cldit.spray.cone.wet_bulb import droplet_kernels, fluids
 from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
-from cldit.spray.result import Spray
+from cldit.spray.result import Parcels, Spray
 from tests.cones import cone_spray
 
 DOWN = (Plume(inclination_deg=0.0, azimuth_deg=0.0),)
@@ -42,6 +42,12 @@ def _spec(*, contraction: float = 0.7, **changes: Any) -> ConeSpray:
 def _mass(spray: Spray) -> float:
     liquid = spray.parcels.mass_kg if spray.parcels is not None else 0.0
     return liquid + (spray.vapour.mass_kg if spray.vapour is not None else 0.0)
+
+
+def _parcels(spec: ConeSpray) -> Parcels:
+    parcels = cone_spray(spec).parcels
+    assert parcels is not None
+    return parcels
 
 
 # Naber and Siebers' correlation along the plume in mm at 0.3, 0.95 and 1.5 ms, for a 165 um hole,
@@ -123,9 +129,8 @@ def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_
     formula, 15 %, allows, and not much shorter than it is known to be (docs/spray.md), 24 %."""
     ambient = Ambient(pressure_Pa=pressure_Pa, temperature_K=gas_K)
     fine = Monodisperse(diameter_um=0.6)
-    spray = cone_spray(_spec(ambient=ambient, time_s=1.5e-3, droplets=fine))
-    assert spray.parcels is not None
-    farthest = float(np.max(-spray.parcels.position_m[:, 2])) * 1e3
+    position_m = _parcels(_spec(ambient=ambient, time_s=1.5e-3, droplets=fine)).position_m
+    farthest = float(np.max(-position_m[:, 2])) * 1e3
     assert 0.75 * length_mm < farthest < 1.15 * length_mm
 
 
@@ -158,16 +163,13 @@ def test_droplets_live_about_as_long_as_alone() -> None:
     entrained heat, and 20 um last."""
     jet = replace(_jet(0.6e6, 570.0), spreading=SPREADING)
     life_s = 1.055 * 81e-12 / 0.161e-6
-    spray = cone_spray(_spec(droplets=Monodisperse(diameter_um=9.0)))
-    assert spray.parcels is not None
-    depth = -spray.parcels.position_m[:, 2]
-    assert jet.tip_m(0.9 * life_s) < depth.max() < jet.tip_m(1.25 * life_s)
-    coarse = cone_spray(_spec(droplets=Monodisperse(diameter_um=20.0)))
-    assert coarse.parcels is not None
-    assert np.max(-coarse.parcels.position_m[:, 2]) > jet.tip_m(0.95e-3)
-    fine = cone_spray(_spec(droplets=Monodisperse(diameter_um=1.0)))
-    assert fine.parcels is not None
-    assert np.max(-fine.parcels.position_m[:, 2]) < 0.024  # 22 mm of mixing, as Siebers has it
+    fine, middle, coarse = (
+        np.max(-_parcels(_spec(droplets=Monodisperse(diameter_um=d))).position_m[:, 2])
+        for d in (1.0, 9.0, 20.0)
+    )
+    assert fine < 0.024  # 22 mm of mixing, as Siebers has it
+    assert jet.tip_m(0.9 * life_s) < middle < jet.tip_m(1.25 * life_s)
+    assert coarse > jet.tip_m(0.95e-3)
 
 
 def test_droplets_of_a_thin_plume_evaporate_as_alone(device: Device) -> None:
@@ -209,8 +211,7 @@ def test_sauter_diameter_changes_on_the_way() -> None:
     """Small droplets vanish first, which at first outweighs that the others shrink."""
     spec = load_scene("gdi-cone").spray
     assert isinstance(spec, ConeSpray)
-    parcels = cone_spray(spec).parcels
-    assert parcels is not None
+    parcels = _parcels(spec)
     r = np.linalg.norm(parcels.position_m, axis=1)
     mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
     sauter = [
@@ -283,9 +284,7 @@ def test_without_evaporation_the_sizes_stay() -> None:
 
 
 def test_monodisperse_droplets_shrink_with_their_cell() -> None:
-    spray = cone_spray(_spec(droplets=Monodisperse(diameter_um=9.0)))
-    assert spray.parcels is not None
-    d = spray.parcels.diameter_m
+    d = _parcels(_spec(droplets=Monodisperse(diameter_um=9.0))).diameter_m
     # Before it evaporates the liquid only expands, from 616 to at most 600 kg/m3: 0.9 %.
     assert 1e-7 <= d.min() < 5e-6 and 8.9e-6 < d.max() < 9.0e-6 * 1.01
 
@@ -304,11 +303,10 @@ def test_fine_droplets_count_as_vapour() -> None:
 
 
 def test_after_the_end_of_injection_the_spray_leaves_the_nozzle() -> None:
-    during = cone_spray(_spec(evaporation=False, time_s=0.8e-3, injection_duration_s=0.8e-3))
-    after = cone_spray(_spec(evaporation=False, time_s=1.6e-3, injection_duration_s=0.8e-3))
-    assert during.parcels is not None and after.parcels is not None
-    assert after.parcels.mass_kg == pytest.approx(during.parcels.mass_kg, rel=1e-12)
-    nearest = [-spray.parcels.position_m[:, 2].max() for spray in (during, after) if spray.parcels]
+    during = _parcels(_spec(evaporation=False, time_s=0.8e-3, injection_duration_s=0.8e-3))
+    after = _parcels(_spec(evaporation=False, time_s=1.6e-3, injection_duration_s=0.8e-3))
+    assert after.mass_kg == pytest.approx(during.mass_kg, rel=1e-12)
+    nearest = [-parcels.position_m[:, 2].max() for parcels in (during, after)]
     tip = _jet(0.6e6, 570.0).tip_m(0.8e-3)  # what left last has travelled for 0.8 ms
     assert nearest[0] < 0.5e-3
     assert 0.7 * tip < nearest[1] < 0.95 * tip  # the edge of the plume lags, and the tail is soft
@@ -319,10 +317,9 @@ def test_mass_follows_the_plumes() -> None:
         Plume(inclination_deg=40.0, azimuth_deg=0.0, mass_fraction=3.0),
         Plume(inclination_deg=40.0, azimuth_deg=180.0, mass_fraction=1.0),
     )
-    spray = cone_spray(_spec(plumes=plumes, evaporation=False))
-    assert spray.parcels is not None
-    mass = spray.parcels.droplets * spray.parcels.diameter_m**3
-    right = spray.parcels.position_m[:, 0] > 0
+    parcels = _parcels(_spec(plumes=plumes, evaporation=False))
+    mass = parcels.droplets * parcels.diameter_m**3
+    right = parcels.position_m[:, 0] > 0
     # Cells at the nozzle hold both: 2 % of the mass is in the first 3 mm.
     assert mass[right].sum() / mass.sum() == pytest.approx(0.75, abs=0.02)
 
@@ -330,10 +327,9 @@ def test_mass_follows_the_plumes() -> None:
 def test_direction_and_symmetry() -> None:
     """A plume towards +y, 30 degrees off the axis: the middle of its mass lies there."""
     plumes = (Plume(inclination_deg=30.0, azimuth_deg=90.0),)
-    spray = cone_spray(_spec(plumes=plumes, evaporation=False))
-    assert spray.parcels is not None
-    mass = spray.parcels.droplets * spray.parcels.diameter_m**3
-    middle = (mass[:, None] * spray.parcels.position_m).sum(axis=0) / mass.sum()
+    parcels = _parcels(_spec(plumes=plumes, evaporation=False))
+    mass = parcels.droplets * parcels.diameter_m**3
+    middle = (mass[:, None] * parcels.position_m).sum(axis=0) / mass.sum()
     assert abs(middle[0]) < 1e-4
     assert np.degrees(np.arctan2(middle[1], -middle[2])) == pytest.approx(30.0, abs=0.2)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,53 +12,33 @@ from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.wet_bulb import at_rest, d2_law, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
-
-# p in MPa and T of the gas; lifetime and time to half the mass in us of a droplet of 9 um and 370 K
-# at rest, by stiff integration of its heat and mass after Abramzon and Sirignano, independently.
-SINGLE = [
-    (0.15, 400.0, 1129.0, 290.0),
-    (0.15, 573.0, 470.0, 147.0),
-    (0.15, 620.0, 413.0, 133.0),
-    (0.60, 400.0, 1683.0, 567.0),
-    (0.60, 573.0, 534.0, 213.0),
-    (0.90, 620.0, 473.0, 204.0),
-    (0.15, 300.0, 6792.0, 1270.0),
-    (0.90, 300.0, 30819.0, 9681.0),
-]
+from tests.verify.droplet_published import LIVES, WET_BULB
 
 
-@pytest.mark.parametrize(("megapascal", "gas_K", "life", "half"), SINGLE)
+@pytest.mark.parametrize(("pressure_Pa", "gas_K", "lives_us", "halves_us"), LIVES)
 def test_life_of_a_droplet(
-    kernels: DropletKernels, megapascal: float, gas_K: float, life: float, half: float
+    kernels: DropletKernels,
+    pressure_Pa: float,
+    gas_K: float,
+    lives_us: tuple[int, ...],
+    halves_us: tuple[int, ...],
 ) -> None:
     """3 % for the other program's mixing rule and latent heats; and what the liquid's density
     changes on its way to the wet bulb, of which only K knows: d^2 goes with its power of 2/3."""
-    bulb = wet_bulb(kernels, gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
+    bulb = wet_bulb(kernels, gas_K=gas_K, pressure_Pa=pressure_Pa, fuel_K=370.0)
     begin = bulb.start * 81e-12
     denser = heptane_density_kg_m3(bulb.temperature_K) / heptane_density_kg_m3(370.0)
     within = 0.03 + abs(float(denser) ** (2 / 3) - 1)
-    assert begin / bulb.rate_m2_s == pytest.approx(life * 1e-6, rel=within)
+    assert begin / bulb.rate_m2_s == pytest.approx(lives_us[0] * 1e-6, rel=within)
     found = (begin - 0.5 ** (2 / 3) * 81e-12) / bulb.rate_m2_s
-    assert found == pytest.approx(half * 1e-6, rel=within)
+    assert found == pytest.approx(halves_us[0] * 1e-6, rel=within)
 
 
-@pytest.mark.parametrize(
-    ("megapascal", "gas_K", "bulb_K", "rate_mm2_s"),
-    [
-        (0.15, 300.0, 288.7, 0.009),
-        (0.15, 573.0, 343.0, 0.154),
-        (0.15, 620.0, 345.7, 0.178),
-        (0.30, 500.0, 355.9, 0.114),
-        (0.60, 573.0, 386.0, 0.162),
-        (0.90, 300.0, 297.3, 0.002),
-        (0.90, 620.0, 406.0, 0.198),
-    ],
-)
-def test_wet_bulb_and_rate(
-    kernels: DropletKernels, megapascal: float, gas_K: float, bulb_K: float, rate_mm2_s: float
-) -> None:
+@pytest.mark.parametrize("row", WET_BULB)
+def test_wet_bulb_and_rate(kernels: DropletKernels, row: Any) -> None:
     """0.5 K and 2 %: mixing rule of the film; and half of the last digit of K."""
-    bulb = wet_bulb(kernels, gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
+    pressure_Pa, gas_K, (bulb_K, rate_mm2_s), *_ = row
+    bulb = wet_bulb(kernels, gas_K=gas_K, pressure_Pa=pressure_Pa, fuel_K=370.0)
     assert bulb.temperature_K == pytest.approx(bulb_K, abs=0.5)
     assert bulb.rate_m2_s * 1e6 == pytest.approx(rate_mm2_s, abs=0.0005 + 0.02 * rate_mm2_s)
 

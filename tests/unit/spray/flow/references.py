@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,12 @@ from cldit.spray.flow.injector import inject
 from cldit.spray.flow.measures import History, half_angle_rad
 from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.result import Spray
+
+
+@functools.cache
+def fluids() -> tuple[Fuel, Gas]:
+    """n-heptane and nitrogen, made at their first use."""
+    return fuel_table("n-heptane", cache=None), gas_table("nitrogen", cache=None)
 
 
 def with_cones(full_deg: float) -> tuple[Plume, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +10,14 @@ import pytest
 from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.scene.spray import EIGHT_PLUMES, Ambient, FlowBox, LagrangianSpray, Plume
-from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
+from cldit.spray.droplet.fluids import property_table
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import inject
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.parcels import Cloud
 from cldit.spray.flow.ray_choice import ray_grid
 from tests.kernels.droplet_twin import Properties
+from tests.unit.spray.flow.references import fluids
 
 ULP = float(np.finfo(np.float32).eps)
 STEPS, STEP_S = 40, 5e-6
@@ -29,11 +29,6 @@ KINDS = {
         for lean, turn, share in ((20.0, 10.0, 1.0), (35.0, 100.0, 1.5), (28.0, 250.0, 1.0))
     ),
 }
-
-
-@functools.cache
-def fluids() -> tuple[Fuel, Gas]:
-    return fuel_table("n-heptane", cache=None), gas_table("nitrogen", cache=None)
 
 
 @pytest.mark.parametrize("kind", KINDS)

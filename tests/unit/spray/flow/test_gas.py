@@ -9,18 +9,13 @@ import pytest
 
 from cldit.arrays import Floats
 from cldit.gpu.device import Device
-from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.gas import MIXING_LENGTH, GasFlow
 from cldit.spray.flow.mixture import GasMixture, gas_mixture
 from cldit.spray.flow.rays import RayGrid
 from tests.unit.spray.flow.free_jet import free_jet
+from tests.unit.spray.flow.references import fluids
 
 PRESSURE_Pa, TEMPERATURE_K = 0.6e6, 570.0
-
-
-@functools.cache
-def fluids() -> tuple[Fuel, Gas]:
-    return fuel_table("n-heptane", cache=None), gas_table("nitrogen", cache=None)
 
 
 @functools.cache

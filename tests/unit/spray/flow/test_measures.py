@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cldit.gpu.device import Device
-from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.measures import (
     axis_m_s,
@@ -19,25 +17,11 @@ from cldit.spray.flow.measures import (
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.projected import SPOT, PIXEL_m, projected_reach_m
 from cldit.spray.flow.rays import RayGrid
-from tests.unit.spray.flow.references import at, jet, saturation
+from tests.unit.spray.cone.test_mixing import SATURATION
+from tests.unit.spray.flow.references import fluids, saturation
 
 
-@functools.cache
-def fluids() -> tuple[Fuel, Gas]:
-    return fuel_table("n-heptane", cache=None), gas_table("nitrogen", cache=None)
-
-
-@pytest.mark.parametrize(
-    ("pressure_MPa", "gas_K", "kelvin", "ratio"),
-    [
-        (0.15, 300, 286.5, 0.080),
-        (0.15, 620, 340.0, 1.12),
-        (0.6, 400, 340.5, 0.233),
-        (0.6, 573, 369.0, 0.674),
-        (0.9, 300, 296.0, 0.022),
-        (0.9, 620, 385.0, 0.715),
-    ],
-)
+@pytest.mark.parametrize(("pressure_MPa", "gas_K", "kelvin", "ratio"), SATURATION)
 def test_adiabatic_saturation(pressure_MPa: float, gas_K: int, kelvin: float, ratio: float) -> None:
     """Against values computed with other property fits (NSRDS): half a kelvin of rounding, and half
     a kelvin and 4 % for the fits' latent heats."""
@@ -148,14 +132,3 @@ def test_the_plumes_half_angle(device: Device) -> None:
     inside = (lean > np.cos(np.radians(14)))[:, :, None] & (flow.grid.middle[2] < 20e-3)
     flow.write("fuel", 1.0 * inside)
     assert np.degrees(half_angle_rad(flow, axes)) == pytest.approx(14, rel=0.04)
-
-
-def test_the_reference_jet_is_naber_and_siebers() -> None:
-    """Penetration grows as sqrt(t) far away and with rho_gas^(-1/4) at equal momentum."""
-    fuel, gas = fluids()
-    thin, dense = (jet(at(p, 300), fuel, gas) for p in (0.15, 0.9))
-    far = 1.0  # s: thousands of x+
-    assert thin.tip_m(4 * far) == pytest.approx(2 * thin.tip_m(far), rel=2e-3)
-    momentum = (thin.rate_kg_s * thin.speed_m_s) / (dense.rate_kg_s * dense.speed_m_s)
-    expected = (6 * momentum) ** 0.25
-    assert thin.tip_m(far) / dense.tip_m(far) == pytest.approx(expected, rel=2e-3)
