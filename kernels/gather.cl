@@ -257,7 +257,7 @@ __kernel void gather(
     __global const real *cells, __global const real *light,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
     __global const int *nearest,
-    const int direction_count, const int fold, const int4 box_low, const int4 box_shape,
+    const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS
 #ifdef BLURRED_BOUNDARY
@@ -277,7 +277,7 @@ __kernel void gather(
     const Ray ray = ray_at(
         at_lens.x, at_lens.y, at_lens.z, at_lens.w, columns, rows, middle, pitch_x, pitch_z, distance);
     const ThickRegion region = {places, at, beside, region_depth, cells, light, directions, number_of,
-                       start, nearest, direction_count, fold, box_low, box_shape,
+                       start, nearest, direction_count, box_low, box_shape,
                        BOUNDARY
 #ifdef BLURRED_BOUNDARY
                        , whole_depth
@@ -337,11 +337,8 @@ __kernel void gather(
             const Extinction there = {one[ENTRY], one[RISE]};
             const real along = one[AT] + least(length_along(part, one[SHARE], there), one[LENGTH]);
             const int3 corner = (int3)((int)one[0], (int)one[1], (int)one[2]);
-            const int3 around = corner / fold;
-            const int cell = number_in(around, &region);
-            const real3 fine = from + along * sight - (real3)(one[0], one[1], one[2]);
-            const int3 within = corner - around * fold;
-            const real3 place = (fine + (real3)(within.x, within.y, within.z)) / fold;
+            const int cell = number_in(corner, &region);
+            const real3 place = from + along * sight - (real3)(one[0], one[1], one[2]);
             idle[lane] = !start_path(
                 sum, &f, lane, &paths[lane], started++, cell, place, path_weight,
                 &common, &region, by_half_sine, table);

@@ -49,7 +49,6 @@ class TraceSettings:
     rays_K: RMS error of T_app by the sampling of pixels, for which the trace chooses rays, and
         which it measures; None: the rays are given.
     visible: emissivity above which a pixel has a T_app at this wavelength.
-    light: doublings of the cells' edge for the sweeps, see `CoarseLight`.
     """
 
     directions: int
@@ -72,7 +71,6 @@ class TraceSettings:
     subpixels: bool = False
     rays_K: float | None = None
     visible: float = VISIBLE_EMISSIVITY
-    light: int = 0
     tuning: Tuning = field(default_factory=Tuning)
 
     @property

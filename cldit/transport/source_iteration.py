@@ -29,7 +29,6 @@ from cldit.scene.schema import Scene
 from cldit.transport.camera_source import final_sweeps, order_0_source
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
-from cldit.transport.coarse_light import CoarseLight
 from cldit.transport.discrete_ordinates.iteration import iterate_source
 from cldit.transport.discrete_ordinates.moment_source import moment_source
 from cldit.transport.discrete_ordinates.problem import SweepProblem
@@ -56,27 +55,26 @@ def trace_source(
     """
     settings, start = given.settings, time.perf_counter()
     seconds: dict[str, float] = {}
-    region = camera = gather = light = None
+    region = camera = gather = None
     if given.cells.needs.scattering:
-        light = CoarseLight.of(given)
-        given, region = light.image, thick_region(light.swept.cells, settings)
+        given.check_boundary()
+        region = thick_region(given.cells, settings)
         if settings.order == 0:
-            camera = order_0_source(light.swept.cells, settings.real)
+            camera = order_0_source(given.cells, settings.real)
         else:
-            problem = SweepProblem.of(light.swept, region)
+            problem = SweepProblem.of(given, region)
             rng = np.random.default_rng(settings.seed)
             solved = iterate_source(problem, rng, report)  # 1
             final = moment_source(problem, solved, rng)  # 2
             camera = final_sweeps(problem, final)  # 3
             del solved, final  # with the device memory of their sweepers
-        camera = light.onto_image(camera)
         builds = sum(program.build_s for program in camera.programs)
         # Devices build in parallel: the sum may exceed the elapsed time.
         seconds["scattering"] = max(time.perf_counter() - start - builds, 0.0)
     cells = given.cells
-    image = formal_solution(given, None if light is None else light.thick(region))
-    if region is not None and light and camera is not None and camera.cell_sources is not None:
-        gather = Gather(PathSampler(image, light, region, camera.cell_sources, settings))
+    image = formal_solution(given, region)
+    if region is not None and camera is not None and camera.cell_sources is not None:
+        gather = Gather(PathSampler(image, region, camera.cell_sources, settings))
 
     sources: list[Reals] = [] if camera is None else [*camera.halves]
     defect = np.zeros(0) if camera is None else camera.defect
@@ -148,10 +146,10 @@ def thick_region(cells: OpticalCells, settings: TraceSettings) -> ThickRegion | 
     )
 
 
-def formal_solution(given: TraceInput, thick: Ints | None) -> FormalSolution:
+def formal_solution(given: TraceInput, region: ThickRegion | None) -> FormalSolution:
     """Formal solution for one image of each half of the ordinates.
 
-    The final gather adds the light of the `thick` cells (T,); None: there is no gather.
+    The final gather adds the light of the thick cells of `region`; None: there is no gather.
     """
     scatters = given.cells.needs.scattering
     return FormalSolution.of(
@@ -160,7 +158,7 @@ def formal_solution(given: TraceInput, thick: Ints | None) -> FormalSolution:
         given.scene,
         given.device,
         {**given.defines, "CUTOFF": given.cutoff},
-        thick=thick,
+        thick=None if region is None else region.listed,
         at_once=2 if scatters else 1,
         linear=scatters and given.settings.within_cells,
     )

@@ -16,7 +16,6 @@ from cldit.gpu.program import Define, build
 from cldit.transport.camera_source import final_sweeps
 from cldit.transport.cell_records import CellRecords, Sources
 from cldit.transport.cells import OpticalCells
-from cldit.transport.coarse_light import CoarseLight
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.iteration import iterate_source
@@ -121,7 +120,6 @@ class Kernels:
         if vector is not None:
             flags["SIMD_WIDTH"] = vector
         given = TraceInput(cells, case.scene, view, case.device, settings)
-        light = CoarseLight(given, given)
         region = thick_region(cells, settings)
         if region is None:
             return None
@@ -129,9 +127,9 @@ class Kernels:
         rng = np.random.default_rng(settings.seed)
         solved = iterate_source(problem, rng, None)
         camera = final_sweeps(problem, moment_source(problem, solved, rng))
-        image = formal_solution(given, region.listed)
+        image = formal_solution(given, region)
         assert camera.cell_sources is not None
-        sampler = PathSampler(image, light, region, camera.cell_sources, settings, flags)
+        sampler = PathSampler(image, region, camera.cell_sources, settings, flags)
         found: list[ThickPixels] = []
 
         class Collect:

@@ -29,7 +29,7 @@ __kernel void segments(
     __global const int4 *at, __global const int *beside, __global const float *depth,
     __global const float *cells, __global const float *light, __global const float *whole)
 {
-    const ThickRegion region = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, 1, (int4)(0),
+    const ThickRegion region = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, (int4)(0),
                        (int4)(0), {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}
 #ifdef BLURRED_BOUNDARY
                        , whole

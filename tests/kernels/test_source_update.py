@@ -11,12 +11,12 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.angular_moments import MOMENTS, phase_coefficients
 from cldit.transport.cells import OpticalCells
-from cldit.transport.coarse_light import limit
 from cldit.transport.discrete_ordinates import sweep as sweep_module
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
+from .cell_twin import limit
 from .medium import DISC, random_tree
 
 ROUNDINGS = 4e-7  # some of single precision, of numbers up to 2

@@ -12,7 +12,6 @@ from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
 from cldit.transport.cell_phases import class_shares
-from cldit.transport.coarse_light import CoarseLight
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import (
     NEAREST_SIDE,
@@ -115,23 +114,20 @@ class PathSampler:
     def __init__(
         self,
         formal_solution: FormalSolution,
-        light: CoarseLight,
         thick: ThickRegion,
         ends: CellSources,
         settings: TraceSettings,
         flags: Mapping[str, Define] | None = None,
     ) -> None:
-        """Uploads the thick region of the light's cells and the stored radiance `ends` to every
-        device.
+        """Uploads the thick region and the stored radiance `ends` to every device.
 
         `flags` are further defines of the kernels.
         """
         directions, interfaces = ends.directions, ends.light
         self.solution, self.settings = formal_solution, settings
         self._device = formal_solution.parts[0].device
-        cells, large = formal_solution.cells, light.swept.cells
-        box, listed = large.box(), light.thick(thick)
-        assert listed is not None
+        cells = formal_solution.cells
+        box = cells.box()
         self._real = formal_solution.real
         self.components = len(cells.needs.components) + 1
         phase, tuning = settings.phase, settings.tuning
@@ -153,7 +149,7 @@ class PathSampler:
             "END_WEIGHT": f"R({end_weight})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
-        classes = class_shares(large, phase)
+        classes = class_shares(cells, phase)
         if classes is not None:
             defines["PHASE_CLASSES"] = len(classes) + 1
         if thick.diffusive or classes is not None:
@@ -163,7 +159,7 @@ class PathSampler:
                 defines[flag] = ends.program.defines[flag]
         whole: dict[str, Floats] = {}
         if "BLURRED_BOUNDARY" in defines:
-            depth = np.where(thick.address >= 0, large.depth[thick.address], 0.0)
+            depth = np.where(thick.address >= 0, cells.depth[thick.address], 0.0)
             whole["whole_depth"] = depth.astype(self._real)
         if phase is not None:
             table = np.concatenate([one.to_sample() for one in phase.tables])
@@ -201,7 +197,7 @@ class PathSampler:
                 stored = upload(one, "interface radiance", host)
             self._traversals.append(
                 {
-                    "albedo": thick_albedo(one, cells, listed, real, linear=linear),
+                    "albedo": thick_albedo(one, cells, thick.listed, real, linear=linear),
                     **upload_tree(one, cells, real, linear=linear),
                     **view.geometry(one, cells, real),
                 }
@@ -223,7 +219,6 @@ class PathSampler:
                     "directions": upload(one, "directions", shared),
                     "number_of": upload(one, "directions", order),
                     "direction_count": len(directions),
-                    "fold": light.fold,
                     "by_half_sine": upload(one, "phase function", steps.astype(real)),
                     **_classes(one, classes, thick),
                     **{name: upload(one, "optical depth", all_) for name, all_ in whole.items()},
