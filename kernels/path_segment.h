@@ -10,9 +10,6 @@
 #ifndef PENDING_READS
 #error "PENDING_READS: reads of stored radiance that are made together"
 #endif
-#ifndef MIN_TRANSMISSION
-#error "MIN_TRANSMISSION: transmission at which a path segment ends"
-#endif
 
 /* Neighbours of a cell of the region, down and up along x, y and z: the number of the next cell, or
    BOUNDARY_THERE, or INTERFACE - the number of the interface in the stored radiance. */
@@ -144,15 +141,16 @@ INLINE void set_axis(
     LANE_I(*up, lane) = -(slope > R(0));
 }
 
-/* Starts a segment at p in a cell, 0 to 1 along x, y, z. */
-INLINE void start_segment(Segments *f, int lane, int cell, real3 p, real3 d, real weight, real u)
+/* Starts a segment at p in a cell, 0 to 1 along x, y, z, which ends at a transmission of `least_`. */
+INLINE void start_segment(
+    Segments *f, int lane, int cell, real3 p, real3 d, real weight, real least_, real u)
 {
     set_axis(&f->tx, &f->dx, &f->ax, &f->ux, lane, p.x, d.x);
     set_axis(&f->ty, &f->dy, &f->ay, &f->uy, lane, p.y, d.y);
     set_axis(&f->tz, &f->dz, &f->az, &f->uz, lane, p.z, d.z);
     LANE(f->t, lane) = R(0);
     LANE(f->weight, lane) = LANE(f->unscattered, lane) = weight;
-    LANE(f->floor, lane) = weight * R(MIN_TRANSMISSION);
+    LANE(f->floor, lane) = weight * least_;
     LANE(f->scattered, lane) = R(0);
     LANE(f->u, lane) = u;
     LANE_I(f->drawn, lane) = -1;

@@ -36,7 +36,7 @@ def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> 
         )
     given.check_boundary()
     real = settings.real
-    defines = {**given.defines, "CUTOFF": given.cutoff, "ORDER": settings.order}
+    defines = {**given.defines, "HIGHEST_ORDER": HIGHEST_ORDER}
     divided = shares(given.device, view.pixels[1])
     programs = [build(one, "branching.cl", defines) for one, _ in divided]
     start = time.perf_counter()
@@ -55,6 +55,8 @@ def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> 
                     "started": rays,
                     "key": np.array([settings.seed, 1], np.uint32),
                     **upload_medium(one, cells, view, real, linear=settings.linear_coefficients),
+                    "cutoff": given.cutoff,
+                    "order": settings.order,
                 },
                 offset=(0, mine.start),
             )

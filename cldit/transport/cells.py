@@ -52,13 +52,12 @@ class Needs:
     @property
     def defines(self) -> dict[str, int]:
         """Compile-time defines of the kernels."""
-        flags = {
-            "HAS_VAPOUR": self.vapour,
-            "HAS_DROPLETS": self.droplets,
-            "HAS_SCATTERING": self.scattering,
+        counts = {
+            "N_PATCHES": len(self.patches),
+            "EMITTERS": len(self.emitters),
+            "HAS_SCATTERING": int(self.scattering),
         }
-        defines = {name: 1 for name, present in flags.items() if present}
-        return {**defines, "N_PATCHES": len(self.patches)} if self.patches else defines
+        return {name: count for name, count in counts.items() if count}
 
 
 @dataclass(frozen=True)

@@ -89,14 +89,15 @@ class FormalSolution:
         device: Device,
         defines: dict[str, Define],
         *,
+        cutoff: float,
         thick: Ints | None = None,
         at_once: int = 1,
         linear: bool = False,
     ) -> "FormalSolution":
         """Builds the programs and uploads the octree.
 
-        Arguments as in the class; `defines` are the kernels', and with `linear` sources have
-        spatial gradients.
+        Arguments as in the class; `defines` are the kernels', rays end at the transmission
+        `cutoff`, and with `linear` sources have spatial gradients.
         """
         defines = {**defines, "IMAGES": at_once}
         if thick is not None:
@@ -114,6 +115,7 @@ class FormalSolution:
                     **_directory(one, cells, real, linear="LINEAR_COEFFICIENTS" in defines),
                     "number": upload(one, "records' numbers", cell_records.number),
                     **view.geometry(one, cells, real),
+                    "cutoff": cutoff,
                 },
             )
             for one, rows in shares(device, view.pixels[1])

@@ -89,6 +89,7 @@ def device_cells(
                 "cell_m": float(tree.frame.cell_m),
                 "deepest": DEEPEST / tree.frame.cells,
                 "scale": float(cells.scale),
+                "first_emission": _FIELDS.index("vapour_emission") + (not cells.needs.vapour),
             },
         )
     else:

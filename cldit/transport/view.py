@@ -29,13 +29,13 @@ _GROUP = 64
 class View:
     """Camera and background in finest cells from the cube's lower corner.
 
-    disc: (4,) centre x, y, z and squared radius.
+    disc: (4,) centre x, y, z and squared radius; infinite for an enclosure.
     patches: (P, 4, 4), see boundary.py.
-    middle: (4,) the target point, and 0.
+    middle: (4,) the target point, and 1 for a pinhole camera, 0 for parallel rays.
     pitch: width and height of a pixel in the target plane.
     distance: from the camera to the target.
     pixels: columns, rows.
-    defines: compile-time defines of the kernels. device: finds what pixels see.
+    device: finds what pixels see.
     regular: several rays of a pixel are on a regular grid; else they are a net, which has no two of
     them in a row or column (edges of cells are parallel to those). aperture: radius of the lens; 0:
     a pinhole. focus: from the camera to the plane in focus. visible: emissivity above which a pixel
@@ -48,7 +48,6 @@ class View:
     pitch: tuple[float, float]
     distance: float
     pixels: tuple[int, int]
-    defines: dict[str, int]
     device: Device
     regular: bool = True
     aperture: float = 0.0
@@ -68,25 +67,33 @@ class View:
         frame, camera = cells.tree.frame, scene.camera
         centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]
         (columns, rows), (width_m, height_m) = camera.pixels, camera.field_m
-        background = "DISC" if scene.background.shape == "disc" else "ENCLOSURE"
+        is_disc = scene.background.shape == "disc"
+        radius = scene.background.radius_m / frame.cell_m if is_disc else np.inf
         return cls(
-            disc=np.array([*centre, (scene.background.radius_m / frame.cell_m) ** 2]),
+            disc=np.array([*centre, radius**2]),
             patches=patch_rows(scene.patches, frame),
-            middle=np.array([*frame.to_cells(np.asarray([scene.target_m]))[0], 0.0]),
+            middle=np.array(
+                [*frame.to_cells(np.asarray([scene.target_m]))[0], camera.model == "pinhole"]
+            ),
             pitch=(width_m / frame.cell_m / columns, height_m / frame.cell_m / rows),
             distance=camera.distance_m / frame.cell_m,
             pixels=camera.pixels,
-            defines={
-                f"BOUNDARY_{background}": 1,
-                f"CAMERA_{camera.model.upper()}": 1,
-                **({"N_PATCHES": len(scene.patches)} if scene.patches else {}),
-            },
             device=device,
             regular=camera.rays_across is not None and camera.lens is None,
             aperture=camera.aperture_m / frame.cell_m / 2,
             focus=camera.focus_m / frame.cell_m,
             visible=visible,
         )
+
+    @property
+    def camera(self) -> Floats:
+        """(4,) place of the camera, and the last of `middle`."""
+        return np.asarray(self.middle - np.array([0.0, self.distance, 0.0, 0.0]))
+
+    @property
+    def is_enclosed(self) -> bool:
+        """True if the background surrounds everything."""
+        return bool(np.isinf(self.disc[3]))
 
     def places(self, across: int) -> Floats:
         """Rays (across^2, 4) of a pixel: right and down of its corner, in pixels, where they cross
@@ -166,9 +173,11 @@ class View:
         `across`^2 (..., N) lines of sight go through each pixel.
         """
         device = self.device
-        defines = {**self.defines, **({"USE_FLOAT64": 1} if device.info.float64 else {})}
+        patches = len(self.patches)
+        defines = {"N_PATCHES": patches, "USE_FLOAT64": int(device.info.float64)}
+        defines = {name: count for name, count in defines.items() if count}
         program = build(device, "boundary_shares.cl", defines)
-        listed, parts = np.broadcast_to(pixels, across.shape).reshape(-1), 2 + len(self.patches)
+        listed, parts = np.broadcast_to(pixels, across.shape).reshape(-1), 2 + patches
         places, ranges = self.rays(across.reshape(-1))
         out = unset(device, "shares of the boundary", parts * len(listed), np.int32)
         if len(listed):
@@ -246,7 +255,7 @@ def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """
     frame, box = cells.tree.frame, cells.box()
     low, high = np.asarray(box.low, float), np.add(box.low, box.shape).astype(float)
-    if scene.background.shape == "disc" and view.disc[1] < high[1] - 1.0:
+    if not view.is_enclosed and view.disc[1] < high[1] - 1.0:
         reach = frame.lower_m[1] + high[1] * frame.cell_m
         raise TransportError(
             f"background.centre_m: y = {scene.background_centre_m[1]:g} m is inside the spray, "

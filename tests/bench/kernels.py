@@ -75,14 +75,10 @@ class Kernels:
         """Camera."""
         return View.of(self.case.scene, self.cells, self.case.device)
 
-    def _defines(self) -> dict[str, Define]:
-        return {**self.cells.needs.defines, **self.view.defines}
-
     def image(self, *, images: int = 1, linear: bool = False) -> Cost:
         """Images from given sources, constant or linear in each cell."""
         device, cells, real = self.case.device, self.cells, np.float32
-        defines: dict[str, Define] = {**self._defines(), "IMAGES": images}
-        defines["CUTOFF"] = self.case.settings().ending(self.cells, self.case.scene)
+        defines: dict[str, Define] = {**cells.needs.defines, "IMAGES": images}
         if linear:
             defines["LINEAR_SOURCE"] = 1
         program = build(device, "image.cl", defines)
@@ -102,6 +98,7 @@ class Kernels:
             "number": number,
             **made.upload(program, number, sources, None),
             **self.view.geometry(device, cells, real),
+            "cutoff": self.case.settings().ending(cells, self.case.scene),
         }
         tiles = self.view.tiles(program, "image")
         return quickest(
@@ -163,7 +160,7 @@ class Kernels:
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""
         device, cells, real = self.case.device, self.cells, np.float32
-        program = build(device, "count.cl", self.view.defines)
+        program = build(device, "count.cl", cells.needs.defines)
         columns, rows = self.view.pixels
         out = zeros(device, "steps", 2 * rows * columns, np.int32)
         arguments = {
@@ -180,8 +177,7 @@ class Kernels:
     def sweep(self, count: int, *, vector: int | None = None) -> Cost:
         """Sweeps with `count` ordinates; `vector`: cells at once, None: as in a trace."""
         device, cells = self.case.device, self.cells
-        defines = self._defines()
-        specialised: dict[str, Define] = {**defines, **simd_defines(device)}
+        specialised: dict[str, Define] = {**cells.needs.defines, **simd_defines(device)}
         if vector is not None:
             specialised["SIMD_WIDTH"] = vector
         sweeper = Sweeper(

@@ -122,8 +122,7 @@ def blurred_maps(
     """
     size = np.asarray(box.shape, float)
     centre, radius = view.disc[:3] - box.low, float(view.disc[3]) ** 0.5
-    enclosure = "BOUNDARY_ENCLOSURE" in view.defines
-    if enclosure:
+    if view.is_enclosed:
         centre = np.array([0.0, 1e12, 0.0])  # behind every patch
     patches = shifted(view.patches, -np.asarray(box.low, float))
     maps = np.zeros((len(directions), 1 + len(patches), SIDE, SIDE))
@@ -147,7 +146,7 @@ def blurred_maps(
             radius=radius,
             patches=patches,
         ).reshape(SIDE, SIDE, -1)
-        if enclosure:
+        if view.is_enclosed:
             seen[seen == 1] = 0  # the background is everywhere except on patches
         for number, component in enumerate((0, *range(2, 2 + len(patches)))):
             map_[number] = (seen == component) @ weight

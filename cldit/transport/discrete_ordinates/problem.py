@@ -213,7 +213,6 @@ class SweepProblem:
             high=low + sweeper.box.shape,
             disc_centre=self.view.disc[:3],
             disc_radius=float(self.view.disc[3]) ** 0.5,
-            enclosure=self.scene.background.shape == "enclosure",
             lean=lean,
         )
 
@@ -223,7 +222,7 @@ def _forward_peak(settings: TraceSettings, view: View) -> ForwardPeak | None:
 
     A uniform boundary is not blurred.
     """
-    alike = "BOUNDARY_ENCLOSURE" in view.defines and not len(view.patches)
+    alike = view.is_enclosed and not len(view.patches)
     if alike or settings.phase is None or settings.order is not None:
         return None
     tuning = settings.tuning

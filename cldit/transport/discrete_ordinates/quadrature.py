@@ -157,19 +157,18 @@ def for_boundary(
     high: Floats,
     disc_centre: Floats,
     disc_radius: float,
-    enclosure: bool,
     lean: float = 0.0,
 ) -> Ordinates:
     """Ordinates for a box low..high (3,) in front of the background disc (lengths in one unit).
 
     They are `focused` on the cone of all directions from the box to the disc, or `isotropic` if
-    that is a large part of the sphere, or if the background is an enclosure. Radiance has edges, so
+    that is a large part of the sphere, or if the radius is infinite. Radiance has edges, so
     the error of n ordinates over a share s of the sphere is s / n^0.75. The sum of squares, of cone
     and rest, is smallest if the odds of an ordinate for the cone are (odds of s)^0.8.
     """
     middle = (low + high) / 2
     axis = disc_centre - middle
-    if enclosure or axis[1] <= 0:
+    if np.isinf(disc_radius) or axis[1] <= 0:
         return isotropic(count, rng)
     reach = disc_radius + float(np.linalg.norm((high - low)[[0, 2]])) / 2
     near = disc_centre[1] - high[1]

@@ -141,12 +141,8 @@ class PathSampler:
             least = cutoff
             segments, end_weight = tuning.diffuse_segments, tuning.diffuse_end_weight
         defines: dict[str, Define] = {
-            **settings.defines(cells, formal_solution.view),
-            "CUTOFF": cutoff,
+            **settings.defines(cells),
             **(flags or {}),
-            "MIN_TRANSMISSION": float(least),
-            "MAX_SEGMENTS": segments,
-            "END_WEIGHT": f"R({end_weight})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
         classes = class_shares(cells, phase)
@@ -200,6 +196,7 @@ class PathSampler:
                     "albedo": thick_albedo(one, cells, thick.listed, real, linear=linear),
                     **upload_tree(one, cells, real, linear=linear),
                     **view.geometry(one, cells, real),
+                    "cutoff": cutoff,
                 }
             )
             start = np.minimum(starts, len(shared) - 1).astype(np.int32)
@@ -219,6 +216,9 @@ class PathSampler:
                     "directions": upload(one, "directions", shared),
                     "number_of": upload(one, "directions", order),
                     "direction_count": len(directions),
+                    "most_segments": segments,
+                    "end_weight": end_weight,
+                    "least_transmission": least,
                     "by_half_sine": upload(one, "phase function", steps.astype(real)),
                     **_classes(one, classes, thick),
                     **{name: upload(one, "optical depth", all_) for name, all_ in whole.items()},

@@ -133,15 +133,10 @@ def trace_path(
     real = settings.real
     defines: dict[str, Define] = {
         **given.defines,
-        "CUTOFF": replace(settings, cutoff=None).ending(cells, given.scene),
         "ROULETTE": f"R({settings.tuning.path_roulette})",
         "SAMPLES": SAMPLES,
         "SCATTERINGS": settings.tuning.path_scatterings,
     }
-    if settings.whole_pixels:
-        defines["WHOLE_PIXELS"] = 1
-    if settings.order is not None:
-        defines["ORDER"] = settings.order
     table = np.zeros(1, real)
     if settings.phase is not None:
         defines["PHASE_BINS"] = settings.phase.bins
@@ -156,10 +151,12 @@ def trace_path(
     column_count, row_count = view.pixels
     pixels = column_count * row_count
 
+    cutoff, order = replace(settings, cutoff=None).ending(cells, given.scene), settings.order
+
     def medium(one: Device) -> dict[str, Any]:
         shared = {} if classes is None else {"shares": upload(one, "size classes", classes)}
         whole = upload_medium(one, cells, view, real, linear=settings.linear_coefficients)
-        return {**whole, **shared}
+        return {**whole, **shared, "cutoff": cutoff, "order": -1 if order is None else order}
 
     first = medium(device)
     listed, shape = np.arange(pixels), (components, row_count, column_count)
@@ -184,6 +181,7 @@ def trace_path(
             fixed={
                 "table": upload(one, "phase function", table),
                 "sobol_columns": upload(one, "Sobol", columns()),
+                "whole_pixels": int(settings.whole_pixels),
                 **(first if one is device else medium(one)),
             },
             components=components,
