@@ -113,7 +113,7 @@ def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | No
     if "CAMERA_SWEEP" not in problem.final_program.defines:
         return None
     phase = problem.settings.phase
-    tables = [] if phase is None else [one.by_half_sine(PHASE_STEPS) for one in phase.tables]
+    tables = [] if phase is None else [table.by_half_sine(PHASE_STEPS) for table in phase.tables]
     weights = None if phase is None else class_weights(problem.medium, phase)
     return CameraSweep.of(
         final.sweeper,

@@ -87,15 +87,15 @@ class TraceSettings:
         if self.cutoff is not None:
             return self.cutoff
         allowed_K = self.tuning.neglected * self.accuracy_K
-        most = min(cells.cutoff(scene, tolerance_K=allowed_K), self.tuning.neglected_emissivity)
-        return 0.0 if most < _LEAST_CUTOFF else most
+        cutoff = min(cells.cutoff(scene, tolerance_K=allowed_K), self.tuning.neglected_emissivity)
+        return 0.0 if cutoff < _LEAST_CUTOFF else cutoff
 
     def defines(self, cells: OpticalCells) -> dict[str, Define]:
         """Compile-time defines of all kernels of a trace of `cells`."""
-        own: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
+        defines: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
         if self.linear_coefficients:
-            own["LINEAR_COEFFICIENTS"] = 1
-        return {**cells.needs.defines, **own}
+            defines["LINEAR_COEFFICIENTS"] = 1
+        return {**cells.needs.defines, **defines}
 
     @property
     def within_cells(self) -> bool:

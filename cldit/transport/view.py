@@ -108,16 +108,16 @@ class View:
             return np.hstack([in_pixel, np.zeros((across**2, 2))])
         points = net(across**2)
         lens = self.aperture * on_disc(points[:, 2:])
-        apart = (1.0 - self.distance / self.focus) * lens / np.array(self.pitch)
-        return np.hstack([points[:, :2] + apart * (1.0, -1.0), lens])
+        shift = (1.0 - self.distance / self.focus) * lens / np.array(self.pitch)
+        return np.hstack([points[:, :2] + shift * (1.0, -1.0), lens])
 
     def rays(self, across: Ints) -> tuple[Floats, NDArray[np.int32]]:
         """`places` (R, 4) of pixels with `across`^2 (N,) rays each, and those (N, 2) of each pixel:
         the number of the first, and how many they are."""
-        numbers, which = np.unique(across, return_inverse=True)
-        each = np.stack([np.cumsum(numbers**2) - numbers**2, numbers**2], axis=1)
+        numbers, position = np.unique(across, return_inverse=True)
+        ranges = np.stack([np.cumsum(numbers**2) - numbers**2, numbers**2], axis=1)
         places = [np.zeros((0, 4)), *(self.places(int(number)) for number in numbers)]
-        return np.concatenate(places), each.astype(np.int32)[which]
+        return np.concatenate(places), ranges.astype(np.int32)[position]
 
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
@@ -136,10 +136,10 @@ class View:
     def sees_background(self) -> Mask:
         """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
-        every = np.arange(columns * rows)
-        return np.asarray(self.boundary_shares(every, np.ones_like(every))[0] > 0).reshape(
-            rows, columns
-        )
+        pixel_numbers = np.arange(columns * rows)
+        return np.asarray(
+            self.boundary_shares(pixel_numbers, np.ones_like(pixel_numbers))[0] > 0
+        ).reshape(rows, columns)
 
     @cached_property
     def sees_background_alone(self) -> Mask:
@@ -153,8 +153,8 @@ class View:
 
     def blur_pixels(self, *y: float) -> int:
         """Pixels, rounded up, by which the lens blurs an edge in any of the planes `y`."""
-        away = self.distance + np.asarray(y) - self.middle[1]
-        radius = self.aperture * np.abs(self.distance / away - self.distance / self.focus)
+        plane_distance = self.distance + np.asarray(y) - self.middle[1]
+        radius = self.aperture * np.abs(self.distance / plane_distance - self.distance / self.focus)
         return int(np.ceil(radius.max() / min(self.pitch)))
 
     def on_background(self, pixels: Ints) -> Mask:
@@ -231,8 +231,8 @@ def upload_tree(
     device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
 ) -> dict[str, Any]:
     """Kernel arguments of the octree and its optical depths; `linear`: with their gradients."""
-    whole = device_cells(device, cells, real, linear=linear)
-    return {name: whole[name] for name in whole.keys() - {"corners", "albedo", "thermal"}}
+    buffers = device_cells(device, cells, real, linear=linear)
+    return {name: buffers[name] for name in buffers.keys() - {"corners", "albedo", "thermal"}}
 
 
 def upload_medium(
@@ -242,8 +242,8 @@ def upload_medium(
 
     `linear`: the extinction is linear within cells.
     """
-    whole = device_cells(device, cells, real, linear=linear)
-    tree = {name: whole[name] for name in whole.keys() - {"corners"}}
+    buffers = device_cells(device, cells, real, linear=linear)
+    tree = {name: buffers[name] for name in buffers.keys() - {"corners"}}
     return {**tree, **view.geometry(device, cells, real)}
 
 

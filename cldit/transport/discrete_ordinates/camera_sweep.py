@@ -74,20 +74,28 @@ class CameraSweep:
             views["whole_depth"] = medium.depth
         for name, values in views.items():
             dense = turned_too(medium.dense(box, values.astype(real)))
-            for turned, some in packets.items():
-                seen[turned][name] = upload(device, "optical depth", some.packed(dense[turned]))
+            for turned, cell_packets in packets.items():
+                seen[turned][name] = upload(
+                    device, "optical depth", cell_packets.packed(dense[turned])
+                )
         if classes is not None:
-            each = [turned_too(medium.dense(box, one.astype(real))) for one in classes[1:]]
-            for turned, some in packets.items():
-                packed = np.stack([some.packed(one[turned]) for one in each], axis=1)
+            dense_shares = [
+                turned_too(medium.dense(box, class_share.astype(real)))
+                for class_share in classes[1:]
+            ]
+            for turned, cell_packets in packets.items():
+                packed = np.stack(
+                    [cell_packets.packed(class_share[turned]) for class_share in dense_shares],
+                    axis=1,
+                )
                 seen[turned]["class_shares"] = upload(device, "size classes", packed)
         return cls(
             program=program,
             phase=upload(device, "phase function", phase.astype(real)),
             place=(place - [*box.low, 0.0]).astype(real),
             shares={
-                turned: zeros(device, "shares", some.cells, sweeper.sum_type)
-                for turned, some in packets.items()
+                turned: zeros(device, "shares", cell_packets.cells, sweeper.sum_type)
+                for turned, cell_packets in packets.items()
             },
             seen=seen,
         )
