@@ -6,14 +6,8 @@
 #include "components.h"
 #include "real.h"
 
-/* BOUNDARY_ENCLOSURE: the background surrounds everything.
-   BOUNDARY_DISC: a disc in the plane disc.y faces the camera (normal along y).
-   N_PATCHES: patches in front of it or beside it. */
-#if defined(BOUNDARY_ENCLOSURE) == defined(BOUNDARY_DISC)
-#error "define one of BOUNDARY_ENCLOSURE and BOUNDARY_DISC"
-#endif
-
-/* disc: centre x, y, z and squared radius. patches, four rows each: normal and offset of the plane;
+/* disc: the background, a disc in the plane disc.y that faces the camera (normal along y): centre x, y, z and
+   squared radius; infinite: the background surrounds everything. patches, N_PATCHES in front of it or beside it, four rows each: normal and offset of the plane;
    centre, and 1 for a rectangle; unit vectors across and up, over the half-width and half-height. All
    in the unit of the lines. */
 typedef struct {
@@ -35,14 +29,10 @@ typedef struct {
    with dy > 0 intersect the disc's front. disc: as in Boundary. */
 INLINE real sees_background(real px, real py, real pz, real dx, real dy, real dz, real4 disc)
 {
-#ifdef BOUNDARY_ENCLOSURE
-    return R(1);
-#else
     real s = (disc.y - py) / (dy > R(0) ? dy : R(1));
     real x = px + s * dx - disc.x;
     real z = pz + s * dz - disc.z;
-    return (dy > R(0) && x * x + z * z <= disc.w) ? R(1) : R(0);
-#endif
+    return disc.w == R(INFINITY) || (dy > R(0) && x * x + z * z <= disc.w) ? R(1) : R(0);
 }
 
 INLINE real along(real4 a, real x, real y, real z) { return a.x * x + a.y * y + a.z * z; }
@@ -55,9 +45,7 @@ INLINE int boundary_seen(
     int seen = sees_background(px, py, pz, dx, dy, dz, b->disc) > R(0) ? BACKGROUND : WALL;
 #ifdef N_PATCHES
     real nearest = R(INFINITY);
-#ifdef BOUNDARY_DISC
-    if (seen == BACKGROUND) nearest = (b->disc.y - py) / dy;
-#endif
+    if (seen == BACKGROUND && b->disc.w < R(INFINITY)) nearest = (b->disc.y - py) / dy;
     for (int k = 0; k < N_PATCHES; ++k) {
         const real4 plane = b->patches[4 * k], centre = b->patches[4 * k + 1];
         const real against = -along(plane, dx, dy, dz);

@@ -1,7 +1,7 @@
 /* The paper's own ray tracing (Section "Ray Tracing"), the method `branching`. In each cell that
    scatters, new rays start at random places in random directions: 1000 times the share of the ray that
    is scattered there, at most 100. These branch in turn, up to the order; light scattered beyond it
-   comes from the walls. A ray ends where its transmission is below CUTOFF.
+   comes from the walls. A ray ends where its transmission is below the cut-off.
 
    A ray waits on a stack, of one place an order, while the rays that it started are followed. If the
    rule gives a fraction of a ray, a random number rounds it up or down, so that the mean is kept.
@@ -19,11 +19,8 @@
 #ifndef HAS_SCATTERING
 #error "branching.cl is for scenes that scatter: define HAS_SCATTERING"
 #endif
-#ifndef CUTOFF
-#error "CUTOFF: transmission at which a ray ends"
-#endif
-#ifndef ORDER
-#error "ORDER: most scatterings of a ray"
+#ifndef HIGHEST_ORDER
+#error "HIGHEST_ORDER: most scatterings of a ray"
 #endif
 
 #define RAYS_PER_SHARE R(1000)
@@ -48,7 +45,8 @@ __kernel void branching(
     CELL_GRADIENTS_ARGUMENT __global const real *thermal, __global const real *albedo,
     const int coarse, const int stored, const int bricks,
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle,
-    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS)
+    const real pitch_x, const real pitch_z, const real distance, const real cutoff, const int order,
+    BOUNDARY_ARGUMENTS)
 {
     const int column = get_global_id(0);
     const int row = get_global_id(1);
@@ -57,8 +55,8 @@ __kernel void branching(
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
     const Boundary boundary = BOUNDARY;
-    Branch stack[ORDER + 1];
-    real sums[ORDER + 1][PARTS];
+    Branch stack[HIGHEST_ORDER + 1];
+    real sums[HIGHEST_ORDER + 1][PARTS];
     for (int c = 0; c < PARTS; ++c) sums[0][c] = R(0);
     const Traversal first = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     stack[0].traversal = first;
@@ -92,7 +90,7 @@ __kernel void branching(
             for (int c = 0; c < PARTS; ++c) sums[level][c] = R(0);
             continue;
         }
-        while (b.inside && b.transmitted > R(CUTOFF) && b.waiting == 0) {
+        while (b.inside && b.transmitted > cutoff && b.waiting == 0) {
             const Crossing cell = traversal_cell(&b.traversal, &grid, directory, span);
             const real density = depth[cell.address];
             if (density > R(0)) {
@@ -113,7 +111,7 @@ __kernel void branching(
                 const real share = taken * scatters;
                 sum[WITHIN] += b.weight * (taken - share);
                 b.transmitted *= decay(t);
-                if (level == ORDER) {
+                if (level == order) {
                     sum[WALL] += b.weight * share;
                 } else if (share > R(0)) {
                     const real rays = least(RAYS_PER_SHARE * share, MOST_RAYS);
@@ -128,7 +126,7 @@ __kernel void branching(
         }
         stack[level] = b;
         if (b.waiting > 0) continue;
-        if (b.transmitted > R(CUTOFF)) {
+        if (b.transmitted > cutoff) {
             const int seen = boundary_seen(
                 b.traversal.px, b.traversal.py, b.traversal.pz, b.traversal.dx, b.traversal.dy, b.traversal.dz,
                 level == 0 ? ray.start : R(0), &boundary);

@@ -1,6 +1,6 @@
 /* Components: the parts of the radiance by origin. All go through the same trace. First come those of
-   the boundary: background, wall, and N_PATCHES patches of the enclosure; then the emitters in the
-   medium: vapour and liquid, where the scene has them. And the limiter of their gradients within cells. */
+   the boundary: background, wall, and N_PATCHES patches of the enclosure; then the
+   EMITTERS in the medium: vapour and liquid, where the scene has them. And the limiter of their gradients within cells. */
 #ifndef COMPONENTS_H
 #define COMPONENTS_H
 
@@ -15,11 +15,7 @@
 #define BOUNDARIES 2
 #endif
 
-#if defined(HAS_VAPOUR) && defined(HAS_DROPLETS)
-#define EMITTERS 2
-#elif defined(HAS_VAPOUR) || defined(HAS_DROPLETS)
-#define EMITTERS 1
-#else
+#ifndef EMITTERS
 #define EMITTERS 0
 #endif
 

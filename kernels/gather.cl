@@ -9,7 +9,7 @@
 
    In some cells, even thicker, a linear source is too inaccurate. There a segment scores the emission
    alone, and the path continues from one place, with all of the scattered weight, by the phase function
-   itself. It ends if little weight is left, or after MAX_SEGMENTS segments, when radiance no longer
+   itself. It ends if little weight is left, or after `most_segments` segments, when radiance no longer
    depends on where light entered: the weight left then takes the source of the sweeps. So every path
    conserves energy to rounding.
 
@@ -28,16 +28,6 @@
 #include "random.h"
 #include "ray.h"
 
-#ifndef CUTOFF
-#error "CUTOFF: transmission at which a ray ends"
-#endif
-#ifndef MAX_SEGMENTS
-#error "MAX_SEGMENTS: segments of a path"
-#endif
-#ifndef END_WEIGHT
-#error "END_WEIGHT: share of its weight below which a path ends"
-#endif
-
 #ifdef PHASE_CLASSES
 #define COSINE(u, cell) class_cosine(u, m->shares + (cell), m->size, table)
 #else
@@ -46,12 +36,9 @@
 
 /* Weight of an ordinate for light scattered along `sight`, over the probability with which it is drawn:
    that of a line of sight along +y. */
-#if defined(PHASE_STEPS) && defined(CAMERA_PINHOLE)
-#define PHASE_WEIGHT
-#endif
 INLINE real phase_weight(real4 direction, real3 sight, __global const real *by_half_sine)
 {
-#ifdef PHASE_WEIGHT
+#ifdef PHASE_STEPS
     const real cosine = direction.x * sight.x + direction.y * sight.y + direction.z * sight.z;
     return by_half_sine[half_sine_bin(cosine)] / by_half_sine[half_sine_bin(direction.y)];
 #else
@@ -79,6 +66,9 @@ typedef struct {
     uint first;                   /* number of the first point */
     uint pixel, half_;
     uint2 key;
+    uint most_segments;           /* of a path */
+    real end_weight;              /* share of its weight below which a path ends ... */
+    real least_transmission;      /* ... and a segment */
 } PixelPaths;
 
 /* Ends a path, or a part of its weight, in the sweeps' source along d at p of a cell. */
@@ -115,8 +105,9 @@ INLINE int start_path(
     weight *= phase_weight(d, common->sight, by_half_sine);
     path->number = m->number_of[drawn];
 #endif
-    path->floor = END_WEIGHT * weight;
-    start_segment(f, lane, cell, p, d.xyz, weight, unit(word[2] ^ common->shift0.y));
+    path->floor = common->end_weight * weight;
+    start_segment(
+        f, lane, cell, p, d.xyz, weight, common->least_transmission, unit(word[2] ^ common->shift0.y));
     return 1;
 }
 
@@ -134,7 +125,7 @@ INLINE int continue_path(
         + length_at(LANE(f->u, lane), LANE(f->share, lane), record[DEPTH]) * d;
     /* What is left of a path's weight ends in the sweeps' source. So every path conserves energy, and
        none brings less than no light, as Russian roulette with a source would. */
-    if (++path->event >= MAX_SEGMENTS || weight < path->floor) {
+    if (++path->event >= common->most_segments || weight < path->floor) {
         end_at(sum, weight, p, d, record);
         return 0;
     }
@@ -155,7 +146,7 @@ INLINE int continue_path(
     const real3 on = m->directions[drawn].xyz;
     path->number = m->number_of[drawn];
 #endif
-    start_segment(f, lane, cell, p, on, weight, unit(words.z));
+    start_segment(f, lane, cell, p, on, weight, common->least_transmission, unit(words.z));
     return 1;
 }
 
@@ -183,7 +174,7 @@ __kernel void thick_intervals(
     CELL_GRADIENTS_ARGUMENT
     const int coarse, const int stored, const int bricks, const int4 low, const int4 high,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
-    const real distance, BOUNDARY_ARGUMENTS)
+    const real distance, const real cutoff, BOUNDARY_ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -195,7 +186,7 @@ __kernel void thick_intervals(
     real transmitted = R(1), loss = R(0);
     int crossed = 0;
     int inside = traversal_enter(&traversal, &grid, ray.start);
-    while (inside && transmitted > R(CUTOFF)) {
+    while (inside && transmitted > cutoff) {
         const Crossing cell = traversal_cell(&traversal, &grid, directory, span);
         const real density = depth[cell.address];
         if (density > R(0)) {
@@ -206,7 +197,7 @@ __kernel void thick_intervals(
             const real share = LANE(shares, 0);
             real taken = transmitted * share;
             transmitted *= LANE(left, 0);
-            if (transmitted <= R(CUTOFF)) taken += transmitted; /* as in image.cl */
+            if (transmitted <= cutoff) taken += transmitted; /* as in image.cl */
             real scatters = albedo[cell.address];
 #ifdef LINEAR_COEFFICIENTS
             if (scatters > R(0) && share > R(0)) { /* at the mean place, as by mean_place */
@@ -257,7 +248,8 @@ __kernel void gather(
     __global const real *cells, __global const real *light,
     __global const real4 *directions, __global const int *number_of, __global const int *start,
     __global const int *nearest,
-    const int direction_count, const int fold, const int4 box_low, const int4 box_shape,
+    const int direction_count, const int4 box_low, const int4 box_shape,
+    const uint most_segments, const real end_weight, const real least_transmission, /* see PixelPaths */
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS
 #ifdef BLURRED_BOUNDARY
@@ -277,7 +269,7 @@ __kernel void gather(
     const Ray ray = ray_at(
         at_lens.x, at_lens.y, at_lens.z, at_lens.w, columns, rows, middle, pitch_x, pitch_z, distance);
     const ThickRegion region = {places, at, beside, region_depth, cells, light, directions, number_of,
-                       start, nearest, direction_count, fold, box_low, box_shape,
+                       start, nearest, direction_count, box_low, box_shape,
                        BOUNDARY
 #ifdef BLURRED_BOUNDARY
                        , whole_depth
@@ -291,7 +283,8 @@ __kernel void gather(
     const uint pixel = numbers[number];
     const PixelPaths common = {
         sight, points, philox((uint4)(pixel, 0, 0xFFFFFFFFu, half_), key),
-        philox((uint4)(pixel, 1, 0xFFFFFFFFu, half_), key), from_point, pixel, half_, key};
+        philox((uint4)(pixel, 1, 0xFFFFFFFFu, half_), key), from_point, pixel, half_, key,
+        most_segments, end_weight, least_transmission};
     /* Two sums: a long path's scores are far smaller than the total. */
     real sum[PARTS], total[PARTS];
     PendingScores pending;
@@ -306,7 +299,7 @@ __kernel void gather(
     const real all =
         interval_count > 0 ? interval[(interval_count - 1) * INTERVAL + CUMULATIVE] : R(0);
 
-#if defined(PHASE_WEIGHT) && !defined(FREE_DIRECTIONS)
+#if defined(PHASE_STEPS) && !defined(FREE_DIRECTIONS)
     real weights = R(0);
     for (uint k = 0; k < samples; ++k) {
         const uint word = points[k * DIMENSIONS + 1] ^ common.shift0.x;
@@ -337,11 +330,8 @@ __kernel void gather(
             const Extinction there = {one[ENTRY], one[RISE]};
             const real along = one[AT] + least(length_along(part, one[SHARE], there), one[LENGTH]);
             const int3 corner = (int3)((int)one[0], (int)one[1], (int)one[2]);
-            const int3 around = corner / fold;
-            const int cell = number_in(around, &region);
-            const real3 fine = from + along * sight - (real3)(one[0], one[1], one[2]);
-            const int3 within = corner - around * fold;
-            const real3 place = (fine + (real3)(within.x, within.y, within.z)) / fold;
+            const int cell = number_in(corner, &region);
+            const real3 place = from + along * sight - (real3)(one[0], one[1], one[2]);
             idle[lane] = !start_path(
                 sum, &f, lane, &paths[lane], started++, cell, place, path_weight,
                 &common, &region, by_half_sine, table);

@@ -28,9 +28,6 @@
 #endif
 #define SOURCES (COMPONENTS - FIRST_SOURCE)
 
-#ifndef CUTOFF
-#error "CUTOFF: transmission at which a ray ends"
-#endif
 #ifndef IMAGES
 #error "IMAGES: images that share one traversal"
 #endif
@@ -80,6 +77,7 @@ typedef struct {
 #endif
     Grid grid;
     Boundary boundary;
+    real cutoff; /* transmission at which a ray ends */
 } Medium;
 
 INLINE void add_source(real *sum, real taken, __global const real *record)
@@ -131,7 +129,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
     real transmitted = R(1);
     __global const real *last = m->records;
 
-    if (traversal_enter(&traversal, &m->grid, ray->start)) while (transmitted > R(CUTOFF)) {
+    if (traversal_enter(&traversal, &m->grid, ray->start)) while (transmitted > m->cutoff) {
         const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
         const int number = m->number[cell.address];
         if (number >= 0) {
@@ -153,14 +151,14 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
         if (!traversal_advance(&traversal, &cell, &m->grid)) break;
     }
 
-    if (transmitted > R(CUTOFF)) {
+    if (transmitted > m->cutoff) {
         const int seen = boundary_seen(
             ray->px, ray->py, ray->pz, ray->dx, ray->dy, ray->dz, ray->start, &m->boundary);
         UNROLL for (int p = 0; p < IMAGES; ++p)
             UNROLL for (int c = 0; c < BOUNDARIES; ++c)
                 sum[p * PARTS + c] += c == seen ? transmitted : R(0);
     } else {
-        /* The rest takes the last cell's source. So energy is conserved, and the error is CUTOFF times
+        /* The rest takes the last cell's source. So energy is conserved, and the error is the cut-off times
            the change of S beyond. */
         add_source(sum, transmitted, last);
     }
@@ -179,8 +177,9 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
     __global const real *records, GRADIENT_ARGUMENTS const int coarse, const int stored, \
     const int bricks, const int4 low, const int4 high, const int columns, const int rows, \
     const real4 middle, const real pitch_x, const real pitch_z, const real distance, \
-    BOUNDARY_ARGUMENTS
-#define MEDIUM {directory, span, number, records, GRADIENTS {coarse, bricks, low, high}, BOUNDARY}
+    BOUNDARY_ARGUMENTS, const real cutoff
+#define MEDIUM \
+    {directory, span, number, records, GRADIENTS {coarse, bricks, low, high}, BOUNDARY, cutoff}
 
 /* The image of one ray a pixel. planes, out: [plane][row][column]. */
 __kernel void image(__global real *planes, ARGUMENTS)

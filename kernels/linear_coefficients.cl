@@ -31,7 +31,8 @@ __kernel void coefficients(
     __global real *cell_gradients,  /* out: see extinction.h */
     __global const float *fields,   /* in: [field][cell] */
     __global const float *leaf_slopes, /* in: relative gradients of coarse leaves, [field][axis][leaf] */
-    TREE_ARGUMENTS, const int stored, const real cell_m, const real deepest, const real scale)
+    TREE_ARGUMENTS, const int stored, const real cell_m, const real deepest, const real scale,
+    const int first_emission)          /* field of the first emitter */
 {
     const int cell = get_global_id(0);
     if (cell >= stored) return;
@@ -67,10 +68,7 @@ __kernel void coefficients(
     const real whole = value[0] + value[1] + value[SCATTERING];
     const real safe = whole > R(0) ? whole : R(1);
     real extinction[3], mean[LINEAR_PARTS], change[3 * LINEAR_PARTS], light[LINEAR_PARTS];
-    int field_of[3] = {SCATTERING, 3, 4};
-#ifndef HAS_VAPOUR
-    field_of[1] = 4;
-#endif
+    const int field_of[3] = {SCATTERING, first_emission, 4};
     for (int k = 0; k < LINEAR_PARTS; ++k) mean[k] = value[field_of[k]] / safe / (k ? scale : R(1));
     real reach = R(0);
     for (int axis = 0; axis < 3; ++axis) {

@@ -17,9 +17,6 @@
 #ifndef HAS_SCATTERING
 #error "path.cl is for scenes that scatter: define HAS_SCATTERING"
 #endif
-#ifndef CUTOFF
-#error "CUTOFF: transmission at which a ray ends"
-#endif
 #ifndef SAMPLES
 #error "SAMPLES: of a pixel and batch, a power of two up to 1024"
 #endif
@@ -30,11 +27,6 @@
 
 #ifndef SCATTERINGS
 #error "SCATTERINGS: after which a path ends"
-#endif
-#ifdef ORDER
-#define LAST_EVENT ORDER
-#else
-#define LAST_EVENT SCATTERINGS
 #endif
 
 /* Parts of a sum of paths: those of the image, and the number of paths that have ended after SCATTERINGS. */
@@ -54,6 +46,8 @@ typedef struct {
     int stored;                     /* length of a plane */
     Grid grid;
     Boundary boundary;
+    real cutoff;                    /* transmission at which a ray ends */
+    int order;                      /* largest number of scatterings; below 0: all */
 #ifdef PHASE_CLASSES
     __global const uchar *shares;   /* of classes of droplet size, see phase_class */
 #endif
@@ -86,7 +80,8 @@ INLINE void path(
     __global const uint *columns)
 {
     const real floor_ = ROULETTE * weight;
-    for (uint event = 0; event < LAST_EVENT; ++event) {
+    const uint events = m->order < 0 ? SCATTERINGS : m->order;
+    for (uint event = 0; event < events; ++event) {
         uint4 word = philox((uint4)(pixel, sample, event, batch), key);
         if (event < 2) {
             const uint4 shift = event == 0 ? shift0 : shift1;
@@ -101,7 +96,7 @@ INLINE void path(
         real transmitted = R(1), albedo = R(0);
         int has_scattered = 0, last = m->grid.coarse;
         int inside = traversal_enter(&traversal, &m->grid, R(0));
-        while (inside && transmitted > R(CUTOFF)) {
+        while (inside && transmitted > m->cutoff) {
             const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
             const real density = m->depth[cell.address];
             if (density > R(0)) {
@@ -132,7 +127,7 @@ INLINE void path(
             }
             inside = traversal_advance(&traversal, &cell, &m->grid);
         }
-        if (transmitted > R(CUTOFF)) {
+        if (transmitted > m->cutoff) {
             score_boundary(sum, weight * transmitted, &traversal, R(0), m);
         } else {
             /* The rest ends in the last cell, as if that had no end. */
@@ -153,9 +148,7 @@ INLINE void path(
         }
     }
     sum[WALL] += weight;
-#ifndef ORDER
-    sum[ENDED] += R(1);
-#endif
+    if (m->order < 0) sum[ENDED] += R(1);
 }
 
 #ifdef PHASE_CLASSES
@@ -171,26 +164,26 @@ INLINE void path(
     CELL_GRADIENTS_ARGUMENT __global const real *thermal, __global const real *albedo, \
     const int coarse, const int stored, const int bricks, \
     const int4 low, const int4 high, const int columns, const int rows, const real4 middle, \
-    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS \
-    SHARES_ARGUMENT
+    const real pitch_x, const real pitch_z, const real distance, BOUNDARY_ARGUMENTS, \
+    const real cutoff, const int order SHARES_ARGUMENT
 
 #define MEDIUM {directory, span, depth, CELL_GRADIENTS thermal, albedo, stored, {coarse, bricks, low, high}, \
-    BOUNDARY SHARES}
+    BOUNDARY, cutoff, order SHARES}
 
-/* The line of sight of a pixel in a batch: through its middle, or, with WHOLE_PIXELS, through a place of the
+/* The line of sight of a pixel in a batch: through its middle, or, in whole pixels, through a place of the
    pixel. The places of all even batches, and of all odd ones, are Sobol points with one random shift. */
 INLINE Ray line_of_sight(
     uint pixel, uint batch, uint2 key, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
-    real distance, __global const uint *sobol_columns)
+    real distance, int whole_pixels, __global const uint *sobol_columns)
 {
     real right = R(0.5), down = R(0.5);
-#ifdef WHOLE_PIXELS
-    const uint point = batch / 2;
-    const uint4 shift =
-        philox((uint4)(pixel, 2 + (point >> SOBOL_BITS), 0xFFFFFFFFu, batch & 1u), key);
-    right = unit(sobol(point, 1, sobol_columns) ^ shift.x);
-    down = unit(sobol(point, 2, sobol_columns) ^ shift.y);
-#endif
+    if (whole_pixels) {
+        const uint point = batch / 2;
+        const uint4 shift =
+            philox((uint4)(pixel, 2 + (point >> SOBOL_BITS), 0xFFFFFFFFu, batch & 1u), key);
+        right = unit(sobol(point, 1, sobol_columns) ^ shift.x);
+        down = unit(sobol(point, 2, sobol_columns) ^ shift.y);
+    }
     return ray_at(
         pixel % columns + right, pixel / columns + down, R(0), R(0), columns, rows, middle, pitch_x, pitch_z,
         distance);
@@ -204,7 +197,7 @@ INLINE real unscattered(real *sum, int *end, const Ray *ray, const Medium *m)
     real transmitted = R(1), loss = R(0);
     int last = m->grid.coarse;
     int inside = traversal_enter(&traversal, &m->grid, ray->start);
-    while (inside && transmitted > R(CUTOFF)) {
+    while (inside && transmitted > m->cutoff) {
         const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
         const real density = m->depth[cell.address];
         if (density > R(0)) {
@@ -229,7 +222,7 @@ INLINE real unscattered(real *sum, int *end, const Ray *ray, const Medium *m)
         }
         inside = traversal_advance(&traversal, &cell, &m->grid);
     }
-    if (transmitted > R(CUTOFF)) {
+    if (transmitted > m->cutoff) {
         score_boundary(sum, transmitted, &traversal, ray->start, m);
     } else {
         score_thermal(sum, transmitted, last, m);
@@ -261,7 +254,7 @@ __kernel void straight(
 __kernel void scatter(
     __global real *means,     /* out: [part][list]; the last part: number of paths that were ended */
     __global const int *list, /* in: pixels, one for each group */
-    const int count, const uint2 key, const uint batch,
+    const int count, const uint2 key, const uint batch, const int whole_pixels,
     __global const real *table, __global const uint *sobol_columns,
     MEDIUM_ARGUMENTS)
 {
@@ -272,7 +265,8 @@ __kernel void scatter(
     const uint pixel = list[item];
     const Medium m = MEDIUM;
     const Ray ray = line_of_sight(
-        pixel, batch, key, columns, rows, middle, pitch_x, pitch_z, distance, sobol_columns);
+        pixel, batch, key, columns, rows, middle, pitch_x, pitch_z, distance, whole_pixels,
+        sobol_columns);
     const uint4 shift0 = philox((uint4)(pixel, 0, 0xFFFFFFFFu, batch), key);
     const uint4 shift1 = philox((uint4)(pixel, 1, 0xFFFFFFFFu, batch), key);
     if (lane == 0) {

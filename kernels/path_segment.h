@@ -10,9 +10,6 @@
 #ifndef PENDING_READS
 #error "PENDING_READS: reads of stored radiance that are made together"
 #endif
-#ifndef MIN_TRANSMISSION
-#error "MIN_TRANSMISSION: transmission at which a path segment ends"
-#endif
 
 /* Neighbours of a cell of the region, down and up along x, y and z: the number of the next cell, or
    BOUNDARY_THERE, or INTERFACE - the number of the interface in the stored radiance. */
@@ -20,7 +17,7 @@
 #define BOUNDARY_THERE (-1)
 #define INTERFACE (-2)
 
-/* The thick region: thick cells and those around them, in units of the light's cells. */
+/* The thick region: thick cells and those around them, in units of cells. */
 typedef struct {
     __global const int *places;    /* number of each cell of a box around the region; -1: outside it */
     __global const int4 *at;       /* place of each cell in the cube */
@@ -34,7 +31,6 @@ typedef struct {
     __global const int *start;     /* first of these whose cumulative weight exceeds k / count */
     __global const int *nearest;   /* table of nearest ordinates, see direction_near; -1: none */
     int count;                     /* of ordinates */
-    int fold;                      /* edge of these cells over that of the image's */
     int4 low, shape;               /* the box of `places` */
     Boundary boundary;
 #ifdef BLURRED_BOUNDARY
@@ -88,7 +84,7 @@ INLINE void score_later(
     if (++pending->count == PENDING_READS) flush_scores(pending);
 }
 
-/* Number, in the region, of a cell that is given by its place in the cube of the light's cells. */
+/* Number, in the region, of a cell that is given by its place in the cube. */
 INLINE int number_in(int3 cell, const ThickRegion *m)
 {
     const int x = cell.x - m->low.x, y = cell.y - m->low.y, z = cell.z - m->low.z;
@@ -145,15 +141,16 @@ INLINE void set_axis(
     LANE_I(*up, lane) = -(slope > R(0));
 }
 
-/* Starts a segment at p in a cell, 0 to 1 along x, y, z. */
-INLINE void start_segment(Segments *f, int lane, int cell, real3 p, real3 d, real weight, real u)
+/* Starts a segment at p in a cell, 0 to 1 along x, y, z, which ends at a transmission of `least_`. */
+INLINE void start_segment(
+    Segments *f, int lane, int cell, real3 p, real3 d, real weight, real least_, real u)
 {
     set_axis(&f->tx, &f->dx, &f->ax, &f->ux, lane, p.x, d.x);
     set_axis(&f->ty, &f->dy, &f->ay, &f->uy, lane, p.y, d.y);
     set_axis(&f->tz, &f->dz, &f->az, &f->uz, lane, p.z, d.z);
     LANE(f->t, lane) = R(0);
     LANE(f->weight, lane) = LANE(f->unscattered, lane) = weight;
-    LANE(f->floor, lane) = weight * R(MIN_TRANSMISSION);
+    LANE(f->floor, lane) = weight * least_;
     LANE(f->scattered, lane) = R(0);
     LANE(f->u, lane) = u;
     LANE_I(f->drawn, lane) = -1;
@@ -274,8 +271,7 @@ INLINE void end_segment(
     const real y = PLACE(LANE(f->ty, lane) - t, LANE(f->ay, lane), d.y > R(0));
     const real z = PLACE(LANE(f->tz, lane) - t, LANE(f->az, lane), d.z > R(0));
     const int seen = boundary_seen(
-        m->fold * (cell.x + x), m->fold * (cell.y + y), m->fold * (cell.z + z), d.x, d.y, d.z, R(0),
-        &m->boundary);
+        cell.x + x, cell.y + y, cell.z + z, d.x, d.y, d.z, R(0), &m->boundary);
     for (int c = 0; c < BOUNDARIES; ++c) sum[c] += c == seen ? weight : R(0);
 }
 

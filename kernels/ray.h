@@ -4,10 +4,6 @@
 
 #include "real.h"
 
-#if defined(CAMERA_PINHOLE) == defined(CAMERA_ORTHOGRAPHIC)
-#error "define one of CAMERA_PINHOLE and CAMERA_ORTHOGRAPHIC"
-#endif
-
 typedef struct {
     real px, py, pz;   /* intersection of the line and the target plane */
     real dx, dy, dz;   /* unit vector away from the camera */
@@ -16,8 +12,8 @@ typedef struct {
 
 /* across, down: place in the image in pixels, from its upper left corner, where the ray crosses the
    target plane. In cells: lens_x, lens_z, the point of the aperture that the ray passes, right of its
-   middle and above; middle, the target point; pitch, pixel width and height in the target plane;
-   distance, from camera to target. */
+   middle and above; middle, the target point, and 1 for a pinhole, 0 for parallel rays; pitch, pixel width
+   and height in the target plane; distance, from camera to target. */
 INLINE Ray ray_at(
     real across, real down, real lens_x, real lens_z, int columns, int rows, real4 middle, real pitch_x,
     real pitch_z, real distance)
@@ -28,19 +24,12 @@ INLINE Ray ray_at(
     ray.px = middle.x + right;
     ray.py = middle.y;
     ray.pz = middle.z + up;
-#ifdef CAMERA_PINHOLE
-    const real x = right - lens_x, z = up - lens_z;
+    const real x = middle.w > R(0) ? right - lens_x : R(0), z = middle.w > R(0) ? up - lens_z : R(0);
     const real length_ = root(x * x + distance * distance + z * z);
     ray.dx = x / length_;
     ray.dy = distance / length_;
     ray.dz = z / length_;
     ray.start = -length_;
-#else
-    ray.dx = R(0);
-    ray.dy = R(1);
-    ray.dz = R(0);
-    ray.start = -distance;
-#endif
     return ray;
 }
 

@@ -15,18 +15,13 @@ INLINE REAL seen_at(real y, REAL seen, REAL inverse_mean) { return decay(y * see
 #ifdef PHASE_STEPS
 
 /* Bin of the phase function (see half_sine_bin) for light from `back` that is scattered to the camera
-   at x, y, z. */
+   at x, y, z. camera: its place, and 1 for a pinhole, 0 for parallel rays. */
 INLINE int phase_bin_of(real x, real y, real z, real4 back, real4 camera)
 {
-#ifdef CAMERA_PINHOLE
-    const real dx = x - camera.x, dy = y - camera.y, dz = z - camera.z;
+    const real dx = camera.w * (x - camera.x), dy = y - camera.y, dz = camera.w * (z - camera.z);
     /* In the very middle of a cell no direction to the camera is defined: any angle will do. */
     const real far = root(most(dx * dx + dy * dy + dz * dz, R(1e-12)));
-    const real cosine = (back.x * dx + back.y * dy + back.z * dz) / far;
-#else
-    const real cosine = back.y;
-#endif
-    return half_sine_bin(cosine);
+    return half_sine_bin((back.x * dx + back.y * dy + back.z * dz) / far);
 }
 
 #endif

@@ -52,7 +52,7 @@ class DrawnPixels:
         likely = (near[np.ix_(down, across)] & sees_background).astype(float)
         even = _EVEN * float(likely.sum() / max(sees_background.sum(), 1)) or 1.0
         importance = np.where(sees_background, likely + even, 0.0)
-        return cls((rows, columns), PixelSample.of(importance.ravel(), most=_MOST, seed=seed))
+        return cls((rows, columns), PixelSample.of(importance.ravel(), size=_MOST, seed=seed))
 
     @property
     def chance(self) -> Floats:

@@ -83,7 +83,7 @@ def _plain(bins: SizeBins) -> Arrays:
 def sizes_left(phases: Sequence[ScatteringTable | None]) -> tuple[str, ...]:
     """Remark that the classes of size do not resolve how the phase function varies, or nothing."""
     classes = [phase.classes for phase in phases if phase is not None]
-    unresolved = [sizes.left for sizes in classes if sizes is not None]
+    unresolved = [sizes.unresolved for sizes in classes if sizes is not None]
     difference = max(unresolved, default=0.0)
     if difference <= TOLERATED:
         return ()

@@ -21,9 +21,9 @@ def discrete_to_moment(unit: Floats) -> Floats:
     return np.stack([x, y, z, x * x - 1 / 3, y * y - 1 / 3, x * y, x * z, y * z])
 
 
-def phase_coefficients(first: Floats, second: Floats) -> Floats:
+def phase_coefficients(moment_1: Floats, moment_2: Floats) -> Floats:
     """Ratios (8, N) of a source's moments to the radiance's, over the albedo.
 
-    `first` and `second` (N,) are the Legendre moments g and h of the phase function.
+    `moment_1` and `moment_2` (N,) are the Legendre moments g and h of the phase function.
     """
-    return np.array([*[3 * first] * 3, *[7.5 * second] * 2, *[15 * second] * 3])
+    return np.array([*[3 * moment_1] * 3, *[7.5 * moment_2] * 2, *[15 * moment_2] * 3])

@@ -16,13 +16,13 @@ from cldit.transport.view import upload_medium
 HIGHEST_ORDER = 3  # each order costs about a hundred times the one before
 
 
-def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> Trace:
+def trace_branching(trace_input: TraceInput, report: Callable[[str], None] | None) -> Trace:
     """Weights by the paper's method, which drops light below the cut-off.
 
     All of the device's partitions share the rows of the image. Raises TransportError if the order
     is above 3 or not given, or if the phase function is not isotropic.
     """
-    cells, view, settings = given.cells, given.view, given.settings
+    cells, view, settings = trace_input.cells, trace_input.view, trace_input.settings
     if settings.order is None or settings.order > HIGHEST_ORDER:
         order = "all" if settings.order is None else settings.order
         raise TransportError(
@@ -34,38 +34,40 @@ def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> 
             "transport.phase: method branching scatters isotropically, as in the paper; allowed: "
             "isotropic"
         )
-    given.check_boundary()
+    trace_input.check_boundary()
     real = settings.real
-    defines = {**given.defines, "CUTOFF": given.cutoff, "ORDER": settings.order}
-    divided = shares(given.device, view.pixels[1])
-    programs = [build(one, "branching.cl", defines) for one, _ in divided]
+    defines = {**trace_input.defines, "HIGHEST_ORDER": HIGHEST_ORDER}
+    divided = shares(trace_input.device, view.pixels[1])
+    programs = [build(member, "branching.cl", defines) for member, _ in divided]
     start = time.perf_counter()
     columns, rows = view.pixels
     components = len(cells.needs.components) + 1
     outs = []
-    for program, (one, mine) in zip(programs, divided, strict=True):
-        out = zeros(one, "image", components * rows * columns, real)
-        rays = zeros(one, "rays", rows * columns, np.uint32)
-        if mine:
+    for program, (member, portion) in zip(programs, divided, strict=True):
+        out = zeros(member, "image", components * rows * columns, real)
+        rays = zeros(member, "rays", rows * columns, np.uint32)
+        if portion:
             program.launch(
                 "branching",
-                *view.tiles(program, "branching", len(mine)),
+                *view.tiles(program, "branching", len(portion)),
                 {
                     "weights": out,
                     "started": rays,
                     "key": np.array([settings.seed, 1], np.uint32),
-                    **upload_medium(one, cells, view, real, linear=settings.linear_coefficients),
+                    **upload_medium(member, cells, view, real, linear=settings.linear_coefficients),
+                    "cutoff": trace_input.cutoff,
+                    "order": settings.order,
                 },
-                offset=(0, mine.start),
+                offset=(0, portion.start),
             )
-            one.queue.flush()  # the next device starts while this one works
+            member.queue.flush()  # the next device starts while this one works
         outs.append((out, rays))
     image = np.empty((components, rows, columns), real)
     started = np.empty((rows, columns), np.uint32)
-    for (one, mine), (out, rays) in zip(divided, outs, strict=True):
-        here = slice(mine.start, mine.stop)  # tiles reach into the next device's rows
-        image[:, here] = download(one, out, np.empty_like(image))[:, here]
-        started[here] = download(one, rays, np.empty_like(started))[here]
+    for (member, portion), (out, rays) in zip(divided, outs, strict=True):
+        part_rows = slice(portion.start, portion.stop)  # tiles reach into the next device's rows
+        image[:, part_rows] = download(member, out, np.empty_like(image))[:, part_rows]
+        started[part_rows] = download(member, rays, np.empty_like(started))[part_rows]
     count = int(started.sum(dtype=np.int64))
     if report is not None:
         report(f"{count} rays started by scattering")
@@ -74,7 +76,7 @@ def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> 
     closure = EnergyBalance.of(
         planes[: cells.needs.boundaries],
         planes[-1],
-        bound=1e-4 + given.cutoff * (settings.order + 1),
+        bound=1e-4 + trace_input.cutoff * (settings.order + 1),
         noise=0.02,
     )
     return Trace(

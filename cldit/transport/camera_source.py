@@ -110,19 +110,17 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
 
 def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | None:
     """Weights of ordinates for scattering to the camera; None: quadrature weights alone."""
-    settings, view = problem.settings, problem.view
     if "CAMERA_SWEEP" not in problem.final_program.defines:
         return None
-    phase = settings.phase
-    tables = [] if phase is None else [one.by_half_sine(PHASE_STEPS) for one in phase.tables]
+    phase = problem.settings.phase
+    tables = [] if phase is None else [table.by_half_sine(PHASE_STEPS) for table in phase.tables]
     weights = None if phase is None else class_weights(problem.medium, phase)
-    place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
     return CameraSweep.of(
         final.sweeper,
         problem.final_program,
         problem.medium,
         phase=np.concatenate(tables) if tables else np.zeros(1),
-        place=place,
+        place=problem.view.camera,
         classes=weights,
     )
 

@@ -18,9 +18,9 @@ def class_shares(cells: OpticalCells, phase: ScatteringTable | None) -> NDArray[
         return None
     shares, classes = cells.tree.shares, len(phase.tables)
     if shares is None or len(shares) != classes - 1:
-        found = 1 if shares is None else len(shares) + 1
+        count = 1 if shares is None else len(shares) + 1
         raise TransportError(
-            f"the phase function has {classes} classes of droplet size and the octree {found}; "
+            f"the phase function has {classes} classes of droplet size and the octree {count}; "
             "allowed: equal numbers"
         )
     return shares

@@ -52,9 +52,9 @@ class CellRecords:
     @classmethod
     def of(cls, cells: OpticalCells) -> "CellRecords":
         """Records of all stored cells of optical depth above 0."""
-        others = cells.depth > 0
-        others[cells.address] = False
-        at = np.concatenate([cells.address, np.flatnonzero(others)])
+        absorbing = cells.depth > 0
+        absorbing[cells.address] = False
+        at = np.concatenate([cells.address, np.flatnonzero(absorbing)])
         number = np.full(len(cells.depth), -1, np.int32)
         number[at] = np.arange(len(at))
         return cls(cells, len(at), number)

@@ -42,7 +42,7 @@ class Needs:
     def emitters(self) -> tuple[str, ...]:
         """Names of the components that the medium emits."""
         present = {"vapour": self.vapour, "liquid": self.droplets}
-        return tuple(name for name, there in present.items() if there)
+        return tuple(name for name, exists in present.items() if exists)
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -52,13 +52,12 @@ class Needs:
     @property
     def defines(self) -> dict[str, int]:
         """Compile-time defines of the kernels."""
-        flags = {
-            "HAS_VAPOUR": self.vapour,
-            "HAS_DROPLETS": self.droplets,
-            "HAS_SCATTERING": self.scattering,
+        counts = {
+            "N_PATCHES": len(self.patches),
+            "EMITTERS": len(self.emitters),
+            "HAS_SCATTERING": int(self.scattering),
         }
-        defines = {name: 1 for name, present in flags.items() if present}
-        return {**defines, "N_PATCHES": len(self.patches)} if self.patches else defines
+        return {name: count for name, count in counts.items() if count}
 
 
 @dataclass(frozen=True)
@@ -162,11 +161,11 @@ class OpticalCells:
         """Arrays of the medium on devices, see linear_coefficients.py."""
         return {}
 
-    def in_units_of(self, other: "OpticalCells") -> "OpticalCells":
+    def in_units_of(self, reference: "OpticalCells") -> "OpticalCells":
         """Same cells, with thermal sources in the other's unit."""
-        ratio = self.scale / other.scale
+        ratio = self.scale / reference.scale
         emitted = {name: values * ratio for name, values in self.emitted.items()}
-        return replace(self, scale=other.scale, emitted=emitted)
+        return replace(self, scale=reference.scale, emitted=emitted)
 
     def thermal_source(self) -> NDArray[np.float64]:
         """Thermal source (C, N) of the scattering cells."""
@@ -195,14 +194,14 @@ class OpticalCells:
         if not bricks.any():
             return SweptBox(low=(0, 0, 0), shape=(1, 1, 1))
         low, shape = [], []
-        for axis, others in enumerate(((0, 1), (0, 2), (1, 2))):  # the remaining axis: x, y, z
-            along = np.flatnonzero(bricks.any(axis=others))
+        for axis, two_axes in enumerate(((0, 1), (0, 2), (1, 2))):  # the remaining axis: x, y, z
+            along = np.flatnonzero(bricks.any(axis=two_axes))
             low.append(int(along[0]) * BRICK)
-            first, last = int(along[0]), int(along[-1])
+            low_brick, high_brick = int(along[0]), int(along[-1])
             # Cut at neither side or at both: a box that is mirrored about its content stays so.
-            begins = self._occupied(bricks, first, axis)[0] == 0
-            end = self._occupied(bricks, last, axis)[-1] + 1 if begins else BRICK
-            high = min(last * BRICK + int(end), self.tree.frame.cells)
+            begins = self._occupied(bricks, low_brick, axis)[0] == 0
+            end = self._occupied(bricks, high_brick, axis)[-1] + 1 if begins else BRICK
+            high = min(high_brick * BRICK + int(end), self.tree.frame.cells)
             shape.append(high - low[-1])
         return SweptBox(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
 
@@ -217,8 +216,8 @@ class OpticalCells:
         stored = self.depth[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
         occupied = np.zeros(0, np.int64)
         if not np.any(slots < 0):
-            others = tuple({1, 2, 3} - {3 - axis})
-            occupied = np.flatnonzero((stored[slots] > 0).any(axis=(0, *others)))
+            layer_axes = tuple({1, 2, 3} - {3 - axis})
+            occupied = np.flatnonzero((stored[slots] > 0).any(axis=(0, *layer_axes)))
         return occupied if len(occupied) else np.arange(BRICK)
 
     def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -261,8 +260,8 @@ def _black(fields: dict[str, NDArray[np.float32]]) -> Floats:
     out = []
     for phase in ("vapour", "droplet"):
         absorption = fields[f"{phase}_absorption"]
-        there = absorption > 0
-        out.append(fields[f"{phase}_emission"][there].astype(np.float64) / absorption[there])
+        absorbs = absorption > 0
+        out.append(fields[f"{phase}_emission"][absorbs].astype(np.float64) / absorption[absorbs])
     return np.concatenate(out)
 
 

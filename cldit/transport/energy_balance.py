@@ -56,18 +56,18 @@ class EnergyBalance:
                 mean, plus five of its standard errors. These cannot be estimated from fewer than
                 ten pixels; `noise` is then the smallest bound.
         """
-        left = outside.sum(axis=0, dtype=np.float64) + within - 1.0
-        known = np.isfinite(left)
-        at = int(np.argmax(np.where(known, np.abs(left), np.inf)))
-        row, column = divmod(at, left.shape[1])
-        seen = left[(within != 0.0) & known]
+        departure = outside.sum(axis=0, dtype=np.float64) + within - 1.0
+        finite = np.isfinite(departure)
+        at = int(np.argmax(np.where(finite, np.abs(departure), np.inf)))
+        row, column = divmod(at, departure.shape[1])
+        seen = departure[(within != 0.0) & finite]
         mean = float(seen.mean()) if seen.size else 0.0
         if noise and seen.size > 1:
             bound += 5.0 * float(seen.std(ddof=1)) / seen.size**0.5
         if noise and seen.size < _FEW:
             bound = max(bound, noise)
         value = "mean" if noise else "largest"
-        balance = cls(float(left.flat[at]), mean, (row, column), bound, value)
+        balance = cls(float(departure.flat[at]), mean, (row, column), bound, value)
         bad = mean if noise else balance.largest
         if not np.isfinite(balance.largest) or not abs(bad) <= bound:
             raise TransportError(

@@ -30,13 +30,13 @@ class ThickPixels:
     """Pixels that see thick cells, with equal numbers of rays.
 
     pixels: (N,) flat numbers. across: across^2 rays go through each. seen: (C, N) weights of the
-    rest of the image. other: number of pixels with a T_app that see no thick cell.
+    rest of the image. other_visible: number of pixels with a T_app that see no thick cell.
     """
 
     pixels: Ints
     across: int
     seen: Reals
-    other: int
+    other_visible: int
 
 
 class Gathered(Protocol):
@@ -89,14 +89,15 @@ class FormalSolution:
         device: Device,
         defines: dict[str, Define],
         *,
+        cutoff: float,
         thick: Ints | None = None,
         at_once: int = 1,
         linear: bool = False,
     ) -> "FormalSolution":
         """Builds the programs and uploads the octree.
 
-        Arguments as in the class; `defines` are the kernels', and with `linear` sources have
-        spatial gradients.
+        Arguments as in the class; `defines` are the kernels', rays end at the transmission
+        `cutoff`, and with `linear` sources have spatial gradients.
         """
         defines = {**defines, "IMAGES": at_once}
         if thick is not None:
@@ -107,16 +108,17 @@ class FormalSolution:
         cell_records = CellRecords.of(cells)
         parts = [
             _DeviceRows(
-                device=one,
-                program=build(one, "image.cl", defines),
+                device=member,
+                program=build(member, "image.cl", defines),
                 rows=rows,
                 arguments={
-                    **_directory(one, cells, real, linear="LINEAR_COEFFICIENTS" in defines),
-                    "number": upload(one, "records' numbers", cell_records.number),
-                    **view.geometry(one, cells, real),
+                    **_directory(member, cells, real, linear="LINEAR_COEFFICIENTS" in defines),
+                    "number": upload(member, "records' numbers", cell_records.number),
+                    **view.geometry(member, cells, real),
+                    "cutoff": cutoff,
                 },
             )
-            for one, rows in shares(device, view.pixels[1])
+            for member, rows in shares(device, view.pixels[1])
         ]
         return cls(cells, view, scene, real, cell_records, tuple(parts), at_once, thick, linear)
 
@@ -163,8 +165,8 @@ class Rays:
         The part from within the medium is the last (see energy_balance.py).
         """
         columns, rows = self.solution.view.pixels
-        every = np.arange(columns * rows)
-        return self._gathered(self._whole(), every, np.ones_like(every))
+        pixel_numbers = np.arange(columns * rows)
+        return self._gathered(self._whole(), pixel_numbers, np.ones_like(pixel_numbers))
 
     def through(self, pixels: Ints, across: Ints) -> Reals:
         """Mean weights (images, C + 1, N) of `across`^2 (N,) rays through each of `pixels` (N,)."""
@@ -189,15 +191,17 @@ class Rays:
         counts = solution.view.has_temperature(1 - images[0, 0], pixels)
         places, groups = [], []
         for number in np.unique(across[planes[-1] != 0]):
-            mine = across == number
-            left = np.flatnonzero(mine & (planes[-1] != 0))
-            seen = images[:, :-1, left].mean(axis=0)
-            other = int(np.count_nonzero(counts[mine]) - np.count_nonzero(counts[left]))
-            places.append(left)
-            groups.append(ThickPixels(pixels[left], int(number), seen, other))
+            same_rays = across == number
+            gathered = np.flatnonzero(same_rays & (planes[-1] != 0))
+            seen = images[:, :-1, gathered].mean(axis=0)
+            other_count = int(
+                np.count_nonzero(counts[same_rays]) - np.count_nonzero(counts[gathered])
+            )
+            places.append(gathered)
+            groups.append(ThickPixels(pixels[gathered], int(number), seen, other_count))
         if groups:
-            for left, terms in zip(places, self.gather(groups), strict=True):
-                images[:, :, left] += terms
+            for gathered, terms in zip(places, self.gather(groups), strict=True):
+                images[:, :, gathered] += terms
         return images
 
     @property
@@ -211,16 +215,16 @@ class Rays:
         solution = self.solution
         columns, rows = solution.view.pixels
         if rows * columns > self._most_pixels:
-            each = np.tile(np.array([0, 1], np.int32), (rows * columns, 1))
-            return self._through(np.arange(rows * columns), _MIDDLE, each)
+            ranges = np.tile(np.array([0, 1], np.int32), (rows * columns, 1))
+            return self._through(np.arange(rows * columns), _MIDDLE, ranges)
         outs = []
-        for part, some in zip(solution.parts, self.records, strict=True):
+        for part, record in zip(solution.parts, self.records, strict=True):
             out = unset(part.device, "image", self._planes * rows * columns, solution.real)
             if part.rows:
                 part.program.launch(
                     "image",
                     *solution.view.tiles(part.program, "image", len(part.rows)),
-                    {"planes": out, **some, **part.arguments},
+                    {"planes": out, **record, **part.arguments},
                     offset=(0, part.rows.start),
                 )
                 part.device.queue.flush()  # the next device starts while this one works
@@ -229,17 +233,17 @@ class Rays:
         if len(outs) == 1:
             return download(solution.parts[0].device, outs[0], planes)
         for part, out in zip(solution.parts, outs, strict=True):
-            mine = slice(part.rows.start * columns, part.rows.stop * columns)
+            portion = slice(part.rows.start * columns, part.rows.stop * columns)
             for number, plane in enumerate(planes):
-                first = number * plane.size + mine.start
-                download(part.device, out, plane[mine], start=first)
+                first = number * plane.size + portion.start
+                download(part.device, out, plane[portion], start=first)
         return planes
 
     @property
     def _most_pixels(self) -> int:
         """Number of pixels whose planes fit into one buffer of every device."""
-        least = min(part.device.info.largest_buffer_bytes for part in self.solution.parts)
-        return max(1, int(least // (self._planes * np.dtype(self.solution.real).itemsize)))
+        smallest = min(part.device.info.largest_buffer_bytes for part in self.solution.parts)
+        return max(1, int(smallest // (self._planes * np.dtype(self.solution.real).itemsize)))
 
     def _through(self, pixels: Ints, places: Floats, ranges: NDArray[np.int32]) -> Reals:
         """Planes (P, N): means of rays through each of the listed pixels, by `View.rays`."""
@@ -255,11 +259,11 @@ class Rays:
         solution = self.solution
         outs = []
         divided = shares(solution.parts[0].device, len(pixels))
-        for part, some, (_, mine) in zip(solution.parts, self.records, divided, strict=True):
-            count = len(mine)
+        for part, record, (_, portion) in zip(solution.parts, self.records, divided, strict=True):
+            count = len(portion)
             out = unset(part.device, "image", self._planes * count, solution.real)
             if count:
-                some_pixels = pixels[mine.start : mine.stop].astype(np.int32)
+                some_pixels = pixels[portion.start : portion.stop].astype(np.int32)
                 part.program.launch(
                     "refine",
                     (count,),
@@ -269,8 +273,8 @@ class Rays:
                         "list": upload(part.device, "pixels", some_pixels),
                         "count": count,
                         "places": upload(part.device, "rays", places.astype(solution.real)),
-                        "ranges": upload(part.device, "rays", ranges[mine.start : mine.stop]),
-                        **some,
+                        "ranges": upload(part.device, "rays", ranges[portion.start : portion.stop]),
+                        **record,
                         **part.arguments,
                     },
                 )
@@ -288,5 +292,5 @@ def _directory(
     device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool
 ) -> dict[str, Any]:
     """Kernel arguments of the octree's directory."""
-    whole = device_cells(device, cells, real, linear=linear)
-    return {name: whole[name] for name in ("directory", "span")}
+    buffers = device_cells(device, cells, real, linear=linear)
+    return {name: buffers[name] for name in ("directory", "span")}

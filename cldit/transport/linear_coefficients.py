@@ -50,9 +50,9 @@ def device_cells(
     `linear`: coefficients are linear in cells, with their gradients; albedos and sources are those
     of the middles then. The arrays are kept with `cells`, for all stages of a trace.
     """
-    known: dict[str, Any] | None = cells.on_device.get((id(device.opened), real, linear))
-    if known is not None:
-        return known
+    stored_buffers: dict[str, Any] | None = cells.on_device.get((id(device.opened), real, linear))
+    if stored_buffers is not None:
+        return stored_buffers
     tree, stored = cells.tree, len(cells.depth)
     spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
     place = np.argwhere(tree.directory >= 0)
@@ -89,6 +89,7 @@ def device_cells(
                 "cell_m": float(tree.frame.cell_m),
                 "deepest": DEEPEST / tree.frame.cells,
                 "scale": float(cells.scale),
+                "first_emission": _FIELDS.index("vapour_emission") + (not cells.needs.vapour),
             },
         )
     else:
@@ -140,36 +141,38 @@ def _coarse(tree: Octree, depth: Reals) -> Reals:
     fine, levels = tree.slots * _CELLS, tree.coarse_level
     out = np.zeros((len(levels), 3))
     means = np.empty(tree.directory.shape)
-    there = tree.directory >= 0
+    is_divided = tree.directory >= 0
     side = min(BRICK, tree.frame.cells)
     bricks = depth[:fine].reshape(-1, BRICK, BRICK, BRICK)[:, :side, :side, :side]
-    means[there] = bricks.mean(axis=(1, 2, 3))[tree.directory[there]]
-    means[~there] = depth[fine - 1 - tree.directory[~there]]
+    means[is_divided] = bricks.mean(axis=(1, 2, 3))[tree.directory[is_divided]]
+    means[~is_divided] = depth[fine - 1 - tree.directory[~is_divided]]
     spans = np.ones(tree.directory.shape, np.int64)  # of each brick's leaf, in bricks
-    spans[~there] = np.maximum(1, tree.frame.bricks >> levels[-1 - tree.directory[~there]])
+    spans[~is_divided] = np.maximum(
+        1, tree.frame.bricks >> levels[-1 - tree.directory[~is_divided]]
+    )
     edge = 1  # of the leaves, in bricks
     while edge < tree.frame.bricks:
         number = -1 - tree.directory[::edge, ::edge, ::edge]
-        mine = (spans[::edge, ::edge, ::edge] == edge) & (number >= 0)
+        on_level = (spans[::edge, ::edge, ::edge] == edge) & (number >= 0)
         count = len(number)
         blocks = means.reshape(count, edge, count, edge, count, edge).mean(axis=(1, 3, 5))
-        mine &= blocks > 0
-        if mine.any():
+        on_level &= blocks > 0
+        if on_level.any():
             padded = np.pad(blocks, 1)
             wide = np.maximum(spans[::edge, ::edge, ::edge] // edge, 1)
             wide = np.pad(np.where(blocks > 0, wide, 1), 1, constant_values=1)
-            at = np.argwhere(mine) + 1
+            at = np.argwhere(on_level) + 1
             slopes = np.empty((3, len(at)))
             for axis in range(3):
                 step = np.eye(3, dtype=np.int64)[axis]
                 low, high = tuple((at - step).T), tuple((at + step).T)
                 slopes[2 - axis] = limited(
-                    blocks[mine],
+                    blocks[on_level],
                     padded[low],
                     padded[high],
                     down=(1 + wide[low]) / 2,
                     up=(1 + wide[high]) / 2,
                 )
-            out[number[mine]] = _positive(blocks[mine], slopes).T / (edge * side)
+            out[number[on_level]] = _positive(blocks[on_level], slopes).T / (edge * side)
         edge *= 2
     return out

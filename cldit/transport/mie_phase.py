@@ -55,12 +55,12 @@ class SizeBins:
         angle = np.linspace(0.0, np.pi, BINS + 1)
         half = np.diff(angle)[:, None] / 2
         nodes = (angle[:-1, None] + half) + half * _NODES
-        some = share > _NEGLIGIBLE
-        series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=np.exp(middle[some])))
+        solved_bins = share > _NEGLIGIBLE
+        series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=np.exp(middle[solved_bins])))
         intensity = mie.intensity(*series, np.cos(nodes.reshape(-1)))
         intensity = intensity.reshape(*nodes.shape, -1) * np.sin(nodes)[..., None]
         within = np.zeros((BINS, _SIZES))
-        within[:, some] = np.einsum("bqs,bq,q->bs", intensity, half * np.ones(2), _WEIGHTS)
+        within[:, solved_bins] = np.einsum("bqs,bq,q->bs", intensity, half * np.ones(2), _WEIGHTS)
         edges = np.exp(low + step * np.arange(_SIZES + 1)) * (wavelength_um * 1e-6 / np.pi)
         return cls(edges, share, within)
 
@@ -78,8 +78,8 @@ class SizeBins:
     def mean(self, first: int = 0, end: int | None = None) -> ScatteringTable:
         """Mean phase function of the bins first..end - 1, weighted by their scattering."""
         within, share = (part[..., first:end] for part in (self.within, self.share))
-        some = self.solved[first:end]
-        within, share = np.ascontiguousarray(within[:, some]), share[some]
+        solved_bins = self.solved[first:end]
+        within, share = np.ascontiguousarray(within[:, solved_bins]), share[solved_bins]
         in_bin = within @ (share / within.sum(axis=0))
         cumulative = np.concatenate([[0.0], np.cumsum(in_bin)])
         return ScatteringTable(cosine_bounds(), cumulative / cumulative[-1])

@@ -92,13 +92,13 @@ class SizeClasses:
 
     bounds_m: (K - 1,) rising diameters between the classes.
     tables: phase function of each class, with the same bins.
-    left: RMS distance of the phase functions in the spray from those of the classes, see
+    unresolved: RMS distance of the phase functions in the spray from those of the classes, see
         `size_classes`.
     """
 
     bounds_m: Floats
     tables: tuple[ScatteringTable, ...]
-    left: float
+    unresolved: float
 
     def __post_init__(self) -> None:
         if len(self.tables) != len(self.bounds_m) + 1 or len(self.tables) < 2:

@@ -61,17 +61,17 @@ class PixelResults:
 
         All such pixels are traced at once, by all numbers of rays that may be asked for.
         """
-        every = np.flatnonzero(self.rim & self.view.sees_background.reshape(-1))
+        rim_pixels = np.flatnonzero(self.rim & self.view.sees_background.reshape(-1))
         missing = sorted({*_NUMBERS, *map(int, np.unique(across))} - self._known.keys())
         if missing:
-            numbers = np.repeat(np.array(missing)[:, None], len(every), axis=1)
-            found = np.moveaxis(self.view.boundary_shares(every, numbers), 1, 0)
-            self._known.update(zip(missing, found, strict=True))
-        place, out = np.searchsorted(every, pixels), np.empty((0, len(pixels)))
+            numbers = np.repeat(np.array(missing)[:, None], len(rim_pixels), axis=1)
+            boundary = np.moveaxis(self.view.boundary_shares(rim_pixels, numbers), 1, 0)
+            self._known.update(zip(missing, boundary, strict=True))
+        place, out = np.searchsorted(rim_pixels, pixels), np.empty((0, len(pixels)))
         for number in np.unique(across):
-            mine, shares = across == number, self._known[int(number)]
+            same_rays, shares = across == number, self._known[int(number)]
             out = out if len(out) else np.empty((len(shares), len(pixels)))
-            out[:, mine] = shares[:, place[mine]]
+            out[:, same_rays] = shares[:, place[same_rays]]
         return out
 
     def __call__(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
@@ -80,40 +80,42 @@ class PixelResults:
         I is the number of images.
         """
         means = np.array(weights, np.float64)
-        there = self.view.on_background(pixels)
-        at = np.flatnonzero(there & self.rim[pixels])
+        on_background = self.view.on_background(pixels)
+        at = np.flatnonzero(on_background & self.rim[pixels])
         if len(at):
             shares = self._shares(pixels[at], across[at])
             for mean in means:
                 mean[:, at] = evaluated(mean[:, at], shares, shares)
-            there[at] = shares[0] > VISIBLE_DISC  # DIT fits pixels of at least this share
-        return np.stack([self._of(mean, there) for mean in means], axis=1)
+            on_background[at] = shares[0] > VISIBLE_DISC  # DIT fits pixels of at least this share
+        return np.stack([self._of(mean, on_background) for mean in means], axis=1)
 
-    def _of(self, weights: Reals, there: Mask) -> Floats:
-        """Results (2, N) of weights (C, N) as DIT evaluates them; NaN where not `there`."""
+    def _of(self, weights: Reals, on_background: Mask) -> Floats:
+        """Results (2, N) of weights (C, N) as DIT evaluates them; NaN where not `on_background`."""
         emissivity = 1.0 - weights[0]
-        warm = there & (emissivity > self.view.visible)
-        out = np.full((2, len(there)), np.nan)
+        warm = on_background & (emissivity > self.view.visible)
+        out = np.full((2, len(on_background)), np.nan)
         out[0, warm] = self.temperature.temperature_K(weights[:, warm])
-        out[1, there] = self.temperature.per_emissivity_K * emissivity[there]
+        out[1, on_background] = self.temperature.per_emissivity_K * emissivity[on_background]
         return out
 
-    def of_shares(self, weights: Reals, pixels: Counts, few: Counts) -> Floats:
+    def of_shares(self, weights: Reals, pixels: Counts, rays_across: Counts) -> Floats:
         """Change (2, N) if rim pixels saw the boundary by `SHARES` rays across; else 0.
 
-        `weights` (C, N) are by `few` rays across, and stand for the same medium.
+        `weights` (C, N) are by `rays_across` rays across, and stand for the same medium.
         """
         out = np.zeros((2, len(pixels)))
         at = np.flatnonzero(self.view.on_background(pixels) & self.rim[pixels])
         if len(at):
-            one, other = (
-                self._shares(pixels[at], each) for each in (few[at], np.full(len(at), SHARES))
+            traced_shares, fine_shares = (
+                self._shares(pixels[at], numbers)
+                for numbers in (rays_across[at], np.full(len(at), SHARES))
             )
-            there = np.minimum(one[0], other[0]) > VISIBLE_DISC
-            here, more = (
-                self._of(evaluated(weights[:, at], one, each), there) for each in (one, other)
+            on_background = np.minimum(traced_shares[0], fine_shares[0]) > VISIBLE_DISC
+            traced, fine = (
+                self._of(evaluated(weights[:, at], traced_shares, numbers), on_background)
+                for numbers in (traced_shares, fine_shares)
             )
-            out[:, at] = np.nan_to_num(more - here)
+            out[:, at] = np.nan_to_num(fine - traced)
         return out
 
 
@@ -149,19 +151,19 @@ def contrast_K(temperature_K: Floats) -> Floats:
     """
     square, count = np.zeros(temperature_K.shape), np.zeros(temperature_K.shape)
     for axis in (0, 1):
-        apart = np.diff(temperature_K, axis=axis) ** 2
-        known = np.isfinite(apart)
+        squares = np.diff(temperature_K, axis=axis) ** 2
+        finite = np.isfinite(squares)
         for side in (slice(1, None), slice(None, -1)):
-            here = (side, slice(None)) if axis == 0 else (slice(None), side)
-            square[here] += np.where(known, apart, 0.0)
-            count[here] += known
+            at = (side, slice(None)) if axis == 0 else (slice(None), side)
+            square[at] += np.where(finite, squares, 0.0)
+            count[at] += finite
     return np.where(np.isfinite(temperature_K), np.sqrt(square / np.maximum(count, 1.0)), np.nan)
 
 
 def contrasts(results: Floats) -> Floats:
     """`contrast_K` (2, H, W) of both results, of emissivity around pixels with a T_app alone."""
-    beside = dilated(np.isfinite(results[0]), 1)
-    emissivity = np.where(beside, contrast_K(results[1]), np.nan)
+    near_visible = dilated(np.isfinite(results[0]), 1)
+    emissivity = np.where(near_visible, contrast_K(results[1]), np.nan)
     return np.stack([contrast_K(results[0]), emissivity])
 
 
@@ -176,11 +178,11 @@ class RayChoice:
         """Takes the `images` by one ray, which are changed in place."""
         self.rays, self._images, self._results = rays, images, results
         count = images.shape[2]
-        every, self.across = np.arange(count), np.ones(count, np.int64)
-        self._kelvin = self._kelvin_of(images, every, self.across)
+        pixel_numbers, self.across = np.arange(count), np.ones(count, np.int64)
+        self._kelvin = self._kelvin_of(images, pixel_numbers, self.across)
         self._shape = results.view.pixels[::-1]
         weights = images.mean(axis=0)[:-1]
-        self._rim = results.of_shares(weights, every, self.across)
+        self._rim = results.of_shares(weights, pixel_numbers, self.across)
         # Squares of errors as by one ray, in pixels where they were measured.
         self._by_one, self._known = np.zeros((2, count)), np.zeros((2, count), bool)
         self._ratio, self._scale = np.full((2, 1), _FIRST), np.ones((2, 1))
@@ -201,51 +203,54 @@ class RayChoice:
         mean_K = np.where(np.isfinite(self._kelvin).all(axis=1), self._kelvin.mean(axis=1), np.nan)
         return contrasts(mean_K.reshape(2, *self._shape)).reshape(2, -1)
 
-    def _around(self, each: Floats) -> Floats:
+    def _around(self, values: Floats) -> Floats:
         """Means (2, H W) over a pixel and its neighbours."""
-        return np.asarray(
-            scipy.ndimage.uniform_filter(each.reshape(2, *self._shape), (1, 3, 3)).reshape(2, -1)
-        )
+        means = scipy.ndimage.uniform_filter(values.reshape(2, *self._shape), (1, 3, 3))
+        return np.asarray(means.reshape(2, -1))
 
     @property
     def squares_K2(self) -> Floats:
         """See the class."""
-        around, share = self._around(self._by_one), self._around(self._known.astype(float))
-        one = np.maximum((self._ratio * self._contrast) ** 2, around) + self._rim**2
-        local = around / np.maximum(share, 1 / 9)
-        many = np.maximum(np.maximum(self._by_one, local), 0.0)
-        square = np.where(self._known, many, one) * self._scale / self.across ** (2 * _ORDER)
+        local_mean, share = self._around(self._by_one), self._around(self._known.astype(float))
+        by_contrast = np.maximum((self._ratio * self._contrast) ** 2, local_mean) + self._rim**2
+        local = local_mean / np.maximum(share, 1 / 9)
+        by_measurement = np.maximum(np.maximum(self._by_one, local), 0.0)
+        square = (
+            np.where(self._known, by_measurement, by_contrast)
+            * self._scale
+            / self.across ** (2 * _ORDER)
+        )
         return np.where(np.isfinite(self._contrast), square, np.nan)
 
     def grow(self, pixels: Counts, across: Counts) -> None:
         """Traces `pixels` (N,) by `across`^2 (N,) rays, and measures the change of the results."""
-        found = self.rays.through(pixels, across)
-        kelvin = self._kelvin_of(found, pixels, across)
+        weights = self.rays.through(pixels, across)
+        kelvin = self._kelvin_of(weights, pixels, across)
         self._learn(pixels, kelvin - self._kelvin[:, :, pixels])
         self._kelvin[:, :, pixels] = kelvin
-        self.across[pixels], self._images[:, :, pixels] = across, found
+        self.across[pixels], self._images[:, :, pixels] = across, weights
 
-    def _learn(self, pixels: Counts, apart: Floats) -> None:
+    def _learn(self, pixels: Counts, changes_K: Floats) -> None:
         """Takes the errors of the present rays from changes (2, images, N) by more; NaN: none."""
-        square = apart[:, 0] * apart[:, -1]  # without the noise of either, on average
-        result, at = np.nonzero(np.isfinite(apart).all(axis=1))
-        here = pixels[at]
-        self._by_one[result, here] = square[result, at] * self.across[here] ** (2 * _ORDER)
-        self._known[result, here] = True
+        square = changes_K[:, 0] * changes_K[:, -1]  # without the noise of either, on average
+        result, at = np.nonzero(np.isfinite(changes_K).all(axis=1))
+        traced = pixels[at]
+        self._by_one[result, traced] = square[result, at] * self.across[traced] ** (2 * _ORDER)
+        self._known[result, traced] = True
 
-    def change_K(self, found: Reals, pixels: Counts, across: Counts) -> Floats:
-        """Change (2, images, N) of results by weights `found` (images, C + 1, N); NaN: unknown."""
-        return np.asarray(self._kelvin_of(found, pixels, across) - self._kelvin[:, :, pixels])
+    def change_K(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
+        """Change (2, images, N) of results by `weights` (images, C + 1, N); NaN: unknown."""
+        return np.asarray(self._kelvin_of(weights, pixels, across) - self._kelvin[:, :, pixels])
 
-    def _kelvin_of(self, found: Reals, pixels: Counts, across: Counts) -> Floats:
-        return self._results(found[:, :-1], pixels, across)
+    def _kelvin_of(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
+        return self._results(weights[:, :-1], pixels, across)
 
     def _widen(self) -> None:
         """Traces four rays in the pixels beside those with a T_app, which may see the medium."""
         box, view = self.rays.solution.cells.box(), self.rays.solution.view
         blur = view.blur_pixels(box.low[1], box.low[1] + box.shape[1])
-        about = dilated(self._seen.reshape(self._shape), 1 + blur).ravel()
-        beside = np.flatnonzero(about & ~self._seen & (self.across == 1))
+        near_visible = dilated(self._seen.reshape(self._shape), 1 + blur).ravel()
+        beside = np.flatnonzero(near_visible & ~self._seen & (self.across == 1))
         if len(beside):
             self.grow(beside, np.full(len(beside), 2))
             self._contrast = self._contrasts()
@@ -254,23 +259,26 @@ class RayChoice:
         """Adds rays until the expected RMS errors are `error_K`; False if none can be added."""
         added = False
         for _ in range(_ROUNDS):
-            square, most = np.nan_to_num(self.squares_K2), self.count * error_K**2
-            if np.all(square.sum(axis=1) <= most):
+            square, allowed_square = np.nan_to_num(self.squares_K2), self.count * error_K**2
+            if np.all(square.sum(axis=1) <= allowed_square):
                 break
-            wanted = np.max(
-                [allocated(each, self.across, allowed=_SAFE * most) for each in square], axis=0
+            needed = np.max(
+                [allocated(row, self.across, allowed=_SAFE * allowed_square) for row in square],
+                axis=0,
             )
-            more = np.flatnonzero(wanted > self.across)
-            if not len(more) or not self.rays.affords(int(np.sum(4 * self.across[more] ** 2))):
+            candidates = np.flatnonzero(needed > self.across)
+            if not len(candidates) or not self.rays.affords(
+                int(np.sum(4 * self.across[candidates] ** 2))
+            ):
                 break
             self._widen()
-            more = more[self.across[more] < wanted[more]]
-            if len(more):  # else all of them were widened
-                self.grow(more, 2 * self.across[more])
+            candidates = candidates[self.across[candidates] < needed[candidates]]
+            if len(candidates):  # else all of them were widened
+                self.grow(candidates, 2 * self.across[candidates])
             added = True
         return added
 
-    def correct(self, errors_K: Floats, pixels: Counts, apart: Floats) -> None:
+    def correct(self, errors_K: Floats, pixels: Counts, changes_K: Floats) -> None:
         """Takes measured RMS errors (2,), and changes (2, images, N) in some pixels (N,)."""
         square = errors_K[:, None] ** 2 * max(self.count, 1)
         if np.all(self.across == 1):
@@ -278,40 +286,40 @@ class RayChoice:
             contrast = np.nansum(self._contrast**2, axis=1, keepdims=True)
             ratio = beyond / np.maximum(contrast, 1e-30)
             self._ratio = np.clip(ratio, _LEAST**2, _LARGEST**2) ** 0.5
-        self._learn(pixels, apart)
+        self._learn(pixels, changes_K)
         expected = np.nansum(self.squares_K2, axis=1, keepdims=True)
         self._scale *= np.clip(square / np.maximum(expected, 1e-30), 1.0, _MOST_SCALE)
 
 
 def allocated(square: Floats, across: Counts, *, allowed: float) -> Counts:
-    """Rays across each pixel (N,), a power of two, for a sum of squares at the least cost.
+    """Rays across each pixel (N,), a power of two, for a sum of squares at the fewest cost.
 
     Args:
         square: (N,) expected squares by the present rays.
-        across: (N,) the present rays across, the least that a pixel gets.
+        across: (N,) the present rays across, the fewest that a pixel gets.
         allowed: sum of squares; not reached where it takes too many rays.
     """
     by_one = square * across ** (2.0 * _ORDER)
-    some = np.flatnonzero(by_one > 0)
-    power = np.log2(by_one[some]) / (2.0 * (1.0 + _ORDER))
-    least = across[some]
+    contributing = np.flatnonzero(by_one > 0)
+    power = np.log2(by_one[contributing]) / (2.0 * (1.0 + _ORDER))
+    fewest = across[contributing]
 
     def at(level: float) -> Counts:
         ideal = np.exp2(np.ceil(np.clip(power + level, 0.0, np.log2(MOST_ACROSS))))
-        return np.maximum(ideal.astype(np.int64), least)
+        return np.maximum(ideal.astype(np.int64), fewest)
 
-    rest, most = len(square) - len(some), _MOST_RAYS[0] * len(square) + _MOST_RAYS[1]
+    rest, ray_limit = len(square) - len(contributing), _MOST_RAYS[0] * len(square) + _MOST_RAYS[1]
     low, high = -60.0, 60.0
     enough: Counts | None = None
     for _ in range(40):
         middle = (low + high) / 2
-        each = at(middle)
-        if np.sum(each**2) + rest > most:
+        numbers = at(middle)
+        if np.sum(numbers**2) + rest > ray_limit:
             high = middle
-        elif np.sum(by_one[some] / each ** (2.0 * _ORDER)) <= allowed:
-            high, enough = middle, each
+        elif np.sum(by_one[contributing] / numbers ** (2.0 * _ORDER)) <= allowed:
+            high, enough = middle, numbers
         else:
             low = middle
     out = across.copy()
-    out[some] = at(low) if enough is None else enough
+    out[contributing] = at(low) if enough is None else enough
     return out

@@ -1,6 +1,5 @@
 """Input, settings and result of a trace, for all methods."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -49,7 +48,6 @@ class TraceSettings:
     rays_K: RMS error of T_app by the sampling of pixels, for which the trace chooses rays, and
         which it measures; None: the rays are given.
     visible: emissivity above which a pixel has a T_app at this wavelength.
-    light: doublings of the cells' edge for the sweeps, see `CoarseLight`.
     """
 
     directions: int
@@ -72,7 +70,6 @@ class TraceSettings:
     subpixels: bool = False
     rays_K: float | None = None
     visible: float = VISIBLE_EMISSIVITY
-    light: int = 0
     tuning: Tuning = field(default_factory=Tuning)
 
     @property
@@ -84,21 +81,21 @@ class TraceSettings:
         """Transmission at which rays end.
 
         Without a `cutoff`, the light beyond changes T_app by at most the share `neglected` of
-        accuracy_K, and the emissivity by `neglected_emissivity`. It is a power of ten, so that
-        kernels are not built for every medium, and 0 where single precision has none.
+        accuracy_K, and the emissivity by `neglected_emissivity`. It is 0 where single precision has
+        none.
         """
         if self.cutoff is not None:
             return self.cutoff
         allowed_K = self.tuning.neglected * self.accuracy_K
-        most = min(cells.cutoff(scene, tolerance_K=allowed_K), self.tuning.neglected_emissivity)
-        return 0.0 if most < _LEAST_CUTOFF else 10.0 ** math.floor(math.log10(most) + 1e-9)
+        cutoff = min(cells.cutoff(scene, tolerance_K=allowed_K), self.tuning.neglected_emissivity)
+        return 0.0 if cutoff < _LEAST_CUTOFF else cutoff
 
-    def defines(self, cells: OpticalCells, view: View) -> dict[str, Define]:
-        """Compile-time defines of all kernels of a trace of `cells` from `view`."""
-        own: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
+    def defines(self, cells: OpticalCells) -> dict[str, Define]:
+        """Compile-time defines of all kernels of a trace of `cells`."""
+        defines: dict[str, Define] = {"USE_FLOAT64": 1} if self.precision == "float64" else {}
         if self.linear_coefficients:
-            own["LINEAR_COEFFICIENTS"] = 1
-        return {**cells.needs.defines, **view.defines, **own}
+            defines["LINEAR_COEFFICIENTS"] = 1
+        return {**cells.needs.defines, **defines}
 
     @property
     def within_cells(self) -> bool:
@@ -136,7 +133,7 @@ class TraceInput:
     @property
     def defines(self) -> dict[str, Define]:
         """Compile-time defines of all kernels."""
-        return self.settings.defines(self.cells, self.view)
+        return self.settings.defines(self.cells)
 
     @property
     def cutoff(self) -> float:

@@ -53,8 +53,8 @@ class _Groups:
     ) -> "_Groups":
         position, weight = position_m, scattering_m2
         if not np.all(weight > 0):
-            some = weight > 0
-            position, weight, number = position[some], weight[some], number[some]
+            scatters = weight > 0
+            position, weight, number = position[scatters], weight[scatters], number[scatters]
         order = np.argsort(_morton(position), kind="stable")
         count = int(np.clip(len(order) // _GROUP, 1, _MOST_GROUPS))
         group = np.empty(len(order), np.intp)
@@ -71,24 +71,24 @@ class _Groups:
             square[:] = np.bincount(at, bessel * part**2, size).reshape(count, bins)
         return cls(share, square, total / total.sum())
 
-    def distance(self, apart: Floats) -> float:
+    def distance(self, deviations: Floats) -> float:
         """RMS length of the groups' means of vectors (S, A), which sum to 0 over the spray.
 
         For a sample, the mean square that chance alone would give is subtracted.
         """
-        means = self.share @ apart
+        means = self.share @ deviations
         lengths = np.sum(means**2, axis=1)
-        chance = self.square @ np.sum(apart**2, axis=1) + np.sum(self.square, axis=1) * lengths
-        chance -= 2 * np.sum((self.square @ apart) * means, axis=1)
+        chance = self.square @ np.sum(deviations**2, axis=1) + np.sum(self.square, axis=1) * lengths
+        chance -= 2 * np.sum((self.square @ deviations) * means, axis=1)
         return float(np.sqrt(max(self.weight @ (lengths - chance), 0.0)))
 
 
 def _morton(position: Floats) -> NDArray[np.int32]:
     """Numbers (N,) of places (N, 3) along the Morton curve; neighbours mostly are consecutive."""
-    every = np.arange(1024, dtype=np.int32)
-    spread = np.zeros_like(every)  # a number's bits, three apart
+    numbers = np.arange(1024, dtype=np.int32)
+    spread = np.zeros_like(numbers)  # a number's bits, three apart
     for bit in range(10):
-        spread |= (every >> bit & 1) << 3 * bit
+        spread |= (numbers >> bit & 1) << 3 * bit
     out = np.zeros(len(position), np.int32)
     axes = [np.ascontiguousarray(axis) for axis in position.T]
     size = max(*(float(np.ptp(axis)) for axis in axes), 1e-300)
@@ -132,26 +132,27 @@ def in_size_classes(
     step = np.gradient(-np.arange(len(cosine)), cosine) ** -1
     reached = reached * np.sqrt(2 * step)
     costs = _costs(reached, share)
-    found: SizeClasses | None = None
-    least = np.inf
+    best_classes: SizeClasses | None = None
+    least_distance = np.inf
     for count in range(1, min(MOST_CLASSES, len(solved)) + 1):
         starts = _partition(costs, count)
-        apart = np.zeros((len(bins.share), reached.shape[1]))
+        deviations = np.zeros((len(bins.share), reached.shape[1]))
         for first, end in zip(starts, [*starts[1:], len(solved)], strict=True):
             middle = np.average(reached[first:end], axis=0, weights=share[first:end])
-            apart[solved[first:end]] = reached[first:end] - middle
-        left = groups.distance(apart)
-        if left >= least:  # possible, since classes are chosen by all droplets, not by groups
+            deviations[solved[first:end]] = reached[first:end] - middle
+        distance = groups.distance(deviations)
+        # Possible, since classes are chosen by all droplets, not by groups.
+        if distance >= least_distance:
             continue
-        least = left
+        least_distance = distance
         if count > 1:
             first_bins = [0, *(int(solved[start]) for start in starts[1:])]
             ends = [*first_bins[1:], len(bins.share)]
             tables = [bins.mean(*pair) for pair in zip(first_bins, ends, strict=True)]
-            found = SizeClasses(bins.edges_m[first_bins[1:]], tuple(tables), left)
-        if left <= tolerated:
+            best_classes = SizeClasses(bins.edges_m[first_bins[1:]], tuple(tables), distance)
+        if distance <= tolerated:
             break
-    return replace(mean, classes=found)
+    return replace(mean, classes=best_classes)
 
 
 def _costs(reached: Floats, share: Floats) -> Floats:
@@ -175,9 +176,9 @@ def _partition(costs: Floats, classes: int) -> list[int]:
     best[0, 0] = 0.0
     came = np.zeros((classes + 1, count + 1), np.intp)
     for number in range(1, classes + 1):
-        every = best[number - 1, :count, None] + costs
-        came[number] = np.argmin(every, axis=0)
-        best[number] = np.min(every, axis=0)
+        totals = best[number - 1, :count, None] + costs
+        came[number] = np.argmin(totals, axis=0)
+        best[number] = np.min(totals, axis=0)
     starts, end = [], count
     for number in range(classes, 0, -1):
         end = int(came[number, end])

@@ -67,8 +67,8 @@ def on_disc(square: NDArray[np.float64]) -> NDArray[np.float64]:
     centred = 2.0 * square - 1.0
     steep = np.abs(centred[:, 1]) > np.abs(centred[:, 0])
     centred[steep] = centred[steep, ::-1]
-    radius, other = centred.T
-    angle = np.pi / 4 * np.divide(other, radius, out=np.zeros(len(radius)), where=radius != 0)
+    radius, ordinate = centred.T
+    angle = np.pi / 4 * np.divide(ordinate, radius, out=np.zeros(len(radius)), where=radius != 0)
     disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     disc[steep] = disc[steep, ::-1]
     disc -= disc.mean(axis=0)

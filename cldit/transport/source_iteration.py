@@ -29,7 +29,6 @@ from cldit.scene.schema import Scene
 from cldit.transport.camera_source import final_sweeps, order_0_source
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
-from cldit.transport.coarse_light import CoarseLight
 from cldit.transport.discrete_ordinates.iteration import iterate_source
 from cldit.transport.discrete_ordinates.moment_source import moment_source
 from cldit.transport.discrete_ordinates.problem import SweepProblem
@@ -43,7 +42,7 @@ from cldit.transport.traced_pixels import Across, traced_pixels
 
 
 def trace_source(
-    given: TraceInput,
+    trace_input: TraceInput,
     report: Callable[[str], None] | None,
     pixels: Ints | None = None,
     rays: Across | None = None,
@@ -54,38 +53,37 @@ def trace_source(
     the `pixels` (N,), flat numbers, images are one row; None: all pixels. `rays` (H, W) as in
     `trace`.
     """
-    settings, start = given.settings, time.perf_counter()
+    settings, start = trace_input.settings, time.perf_counter()
     seconds: dict[str, float] = {}
-    region = camera = gather = light = None
-    if given.cells.needs.scattering:
-        light = CoarseLight.of(given)
-        given, region = light.image, thick_region(light.swept.cells, settings)
+    region = camera = gather = None
+    if trace_input.cells.needs.scattering:
+        trace_input.check_boundary()
+        region = thick_region(trace_input.cells, settings)
         if settings.order == 0:
-            camera = order_0_source(light.swept.cells, settings.real)
+            camera = order_0_source(trace_input.cells, settings.real)
         else:
-            problem = SweepProblem.of(light.swept, region)
+            problem = SweepProblem.of(trace_input, region)
             rng = np.random.default_rng(settings.seed)
             solved = iterate_source(problem, rng, report)  # 1
             final = moment_source(problem, solved, rng)  # 2
             camera = final_sweeps(problem, final)  # 3
             del solved, final  # with the device memory of their sweepers
-        camera = light.onto_image(camera)
         builds = sum(program.build_s for program in camera.programs)
         # Devices build in parallel: the sum may exceed the elapsed time.
         seconds["scattering"] = max(time.perf_counter() - start - builds, 0.0)
-    cells = given.cells
-    image = formal_solution(given, None if light is None else light.thick(region))
-    if region is not None and light and camera is not None and camera.cell_sources is not None:
-        gather = Gather(PathSampler(image, light, region, camera.cell_sources, settings))
+    cells = trace_input.cells
+    image = formal_solution(trace_input, region)
+    if region is not None and camera is not None and camera.cell_sources is not None:
+        gather = Gather(PathSampler(image, region, camera.cell_sources, settings))
 
     sources: list[Reals] = [] if camera is None else [*camera.halves]
     defect = np.zeros(0) if camera is None else camera.defect
-    known = None if camera is None else camera.known
+    known_gradient = None if camera is None else camera.known
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # the energy balance refuses a broken image
-        lit = image.with_sources(sources, defect, gather, known=known)
-        made = traced_pixels(lit, given, pixels, rays)  # 4, and 5 by `gather`
-        halves = made.halves
+        lit = image.with_sources(sources, defect, gather, known=known_gradient)
+        traced = traced_pixels(lit, trace_input, pixels, rays)  # 4, and 5 by `gather`
+        halves = traced.halves
         seconds["image"] = time.perf_counter() - start
         mean = _mean(halves)
         balance = EnergyBalance.of(
@@ -95,9 +93,9 @@ def trace_source(
         )
     programs = [image.parts[0].program, *([] if camera is None else camera.programs)]
     counts = {} if camera is None else dict(camera.counts)
-    if np.any(made.across > 1):
-        counts["pixels_of_several_rays"] = int(np.count_nonzero(made.across > 1))
-        counts["rays"] = int(np.sum(made.across**2))
+    if np.any(traced.across > 1):
+        counts["pixels_of_several_rays"] = int(np.count_nonzero(traced.across > 1))
+        counts["rays"] = int(np.sum(traced.across**2))
     if gather is not None:
         programs += gather.sampler.programs
         counts["samples"] = gather.samples
@@ -110,8 +108,8 @@ def trace_source(
         weights=weights_of(mean, cells),
         weights_difference=_half(halves, cells),
         scatters=cells.needs.scattering,
-        middle=None if made.middle is None else weights_of(_mean(made.middle), cells),
-        middle_difference=None if made.middle is None else _half(made.middle, cells),
+        middle=None if traced.middle is None else weights_of(_mean(traced.middle), cells),
+        middle_difference=None if traced.middle is None else _half(traced.middle, cells),
         programs=tuple(programs),
         iterations=None if camera is None else camera.solution.iterations,
         source_error=0.0 if camera is None else camera.solution.error,
@@ -120,8 +118,8 @@ def trace_source(
         precision="float64" if settings.precision == "float64" else "float32",
         short=short,
         closure=balance,
-        subpixels=made.subpixels,
-        rays=made.across if pixels is None else None,
+        subpixels=traced.subpixels,
+        rays=traced.across if pixels is None else None,
     )
 
 
@@ -148,21 +146,22 @@ def thick_region(cells: OpticalCells, settings: TraceSettings) -> ThickRegion | 
     )
 
 
-def formal_solution(given: TraceInput, thick: Ints | None) -> FormalSolution:
+def formal_solution(trace_input: TraceInput, region: ThickRegion | None) -> FormalSolution:
     """Formal solution for one image of each half of the ordinates.
 
-    The final gather adds the light of the `thick` cells (T,); None: there is no gather.
+    The final gather adds the light of the thick cells of `region`; None: there is no gather.
     """
-    scatters = given.cells.needs.scattering
+    scatters = trace_input.cells.needs.scattering
     return FormalSolution.of(
-        given.cells,
-        given.view,
-        given.scene,
-        given.device,
-        {**given.defines, "CUTOFF": given.cutoff},
-        thick=thick,
+        trace_input.cells,
+        trace_input.view,
+        trace_input.scene,
+        trace_input.device,
+        trace_input.defines,
+        cutoff=trace_input.cutoff,
+        thick=None if region is None else region.listed,
         at_once=2 if scatters else 1,
-        linear=scatters and given.settings.within_cells,
+        linear=scatters and trace_input.settings.within_cells,
     )
 
 
@@ -179,8 +178,8 @@ def source_function(
     function for scattering to the camera, in photons s-1 m-2 sr-1. `boundary` has the radiance that
     leaves `background`, `wall` and each patch, in the same unit. Raises as `trace_source`.
     """
-    given = TraceInput.of(tree, scene, device, settings)
-    cells = given.cells
+    trace_input = TraceInput.of(tree, scene, device, settings)
+    cells = trace_input.cells
     source = np.zeros(len(cells.depth))
     for emitted in cells.emitted.values():
         source += cells.scale * emitted
@@ -189,8 +188,8 @@ def source_function(
     if settings.order == 0:
         camera = order_0_source(cells, settings.real)
     else:
-        given.check_boundary()
-        problem = SweepProblem.of(given, thick_region(cells, settings))
+        trace_input.check_boundary()
+        problem = SweepProblem.of(trace_input, thick_region(cells, settings))
         rng = np.random.default_rng(settings.seed)
         camera = final_sweeps(
             problem, moment_source(problem, iterate_source(problem, rng, None), rng)

@@ -51,12 +51,12 @@ def sampled_subpixels(
         across: (H W,) the image's rays across each pixel.
     """
     flat = image.reshape(len(image), -1)
-    every = np.arange(flat.shape[1])
-    found = results(flat[None, :-1], every, across)[:, 0]
-    if not np.isfinite(found[0]).any():
+    pixel_numbers = np.arange(flat.shape[1])
+    traced = results(flat[None, :-1], pixel_numbers, across)[:, 0]
+    if not np.isfinite(traced[0]).any():
         return None
-    rim = results.of_shares(flat[:-1], every, across)
-    contrast = contrasts(found.reshape(2, *image.shape[1:])).reshape(2, -1)
+    rim = results.of_shares(flat[:-1], pixel_numbers, across)
+    contrast = contrasts(traced.reshape(2, *image.shape[1:])).reshape(2, -1)
     square = contrast**2 + np.square(rim)
     sample = important(square, tuning=settings.tuning, seed=settings.seed)
     return many_rays(rays, sample, across, _MORE * across[sample.pixels])[0]
@@ -72,38 +72,41 @@ def measured_subpixels(
     if not choice.count:
         return None, 0.0
     sample = important(choice.squares_K2, tuning=settings.tuning, seed=settings.seed + number)
-    few = choice.across[sample.pixels]
-    more = np.where(few <= _TWICE, _MORE, _TWICE) * few
-    found, halves = many_rays(choice.rays, sample, choice.across, more)
-    apart = choice.change_K(halves, sample.pixels, np.full(len(more), SHARES))
-    both = [
-        sample.mean_square(each[0], each[-1], count=choice.count) for each in np.nan_to_num(apart)
+    rays_across = choice.across[sample.pixels]
+    more_across = np.where(rays_across <= _TWICE, _MORE, _TWICE) * rays_across
+    traced, halves = many_rays(choice.rays, sample, choice.across, more_across)
+    change = choice.change_K(halves, sample.pixels, np.full(len(more_across), SHARES))
+    moments = [
+        sample.mean_square(planes_of_half[0], planes_of_half[-1], count=choice.count)
+        for planes_of_half in np.nan_to_num(change)
     ]
-    errors_K = np.array([max(square, 0.0) + doubt for square, doubt in both]) ** 0.5
-    choice.correct(errors_K, sample.pixels, apart)
-    return found, float(errors_K.max())
+    errors_K = np.array([max(square, 0.0) + doubt for square, doubt in moments]) ** 0.5
+    choice.correct(errors_K, sample.pixels, change)
+    return traced, float(errors_K.max())
 
 
-def many_rays(rays: Rays, sample: PixelSample, across: Ints, more: Ints) -> tuple[Subpixels, Reals]:
-    """Pixels of a sample (N,) by `more` (N,) rays across each, and their halves' weights.
+def many_rays(
+    rays: Rays, sample: PixelSample, across: Ints, more_across: Ints
+) -> tuple[Subpixels, Reals]:
+    """Pixels of a sample (N,) by `more_across` (N,) rays across each, and their halves' weights.
 
     The rays sample the medium; how much of the boundary a pixel sees is exact. `across` (H W,) are
     the image's rays across each pixel.
     """
     cells, view = rays.solution.cells, rays.solution.view
-    planes = rays.through(sample.pixels, more)
-    numbers = np.stack([across[sample.pixels], more, np.full(len(more), SHARES)])
-    here, seen, shares = np.moveaxis(view.boundary_shares(sample.pixels, numbers), 1, 0)
+    planes = rays.through(sample.pixels, more_across)
+    numbers = np.stack([across[sample.pixels], more_across, np.full(len(more_across), SHARES)])
+    image_shares, seen, shares = np.moveaxis(view.boundary_shares(sample.pixels, numbers), 1, 0)
     rim = (shares[0] < 1.0) & (shares[0] > VISIBLE_DISC)
-    for each in planes:
-        each[:-1, rim] = as_shared(each[:-1, rim], seen[:, rim], shares[:, rim])
+    for planes_of_half in planes:
+        planes_of_half[:-1, rim] = as_shared(planes_of_half[:-1, rim], seen[:, rim], shares[:, rim])
     halves = planes[:, :, None, :]
     difference = None if len(halves) < 2 else weights_of((halves[0] - halves[1]) / 2, cells)
     references = None
-    if np.any(here[0] < 1.0) or np.any(shares[0] < 1.0):
-        references = _boundary(here, cells), _boundary(shares, cells)
+    if np.any(image_shares[0] < 1.0) or np.any(shares[0] < 1.0):
+        references = _boundary(image_shares, cells), _boundary(shares, cells)
     mean = weights_of(halves.mean(axis=0), cells)
-    return Subpixels(sample, more, mean, difference, references), planes
+    return Subpixels(sample, more_across, mean, difference, references), planes
 
 
 def _boundary(shares: Floats, cells: OpticalCells) -> Weights:
@@ -120,9 +123,9 @@ def important(squares: Floats, *, tuning: Tuning, seed: int) -> PixelSample:
     """
     importance = np.zeros(squares.shape[1])
     for square in squares:
-        known = np.isfinite(square)
-        total = float(square[known].sum())
-        even = tuning.audit_even * total / known.sum() if total > 0.0 else 1.0  # a uniform image
-        share = np.where(known, square + even, 0.0)
+        finite = np.isfinite(square)
+        total = float(square[finite].sum())
+        even = tuning.audit_even * total / finite.sum() if total > 0.0 else 1.0  # a uniform image
+        share = np.where(finite, square + even, 0.0)
         importance += share / share.sum()
-    return PixelSample.of(importance, most=tuning.subpixels, seed=seed)
+    return PixelSample.of(importance, size=tuning.subpixels, seed=seed)

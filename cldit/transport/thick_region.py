@@ -62,24 +62,24 @@ class ThickRegion:
         listed = np.flatnonzero(cells.depth[cells.address] > deeper_than)
         if not len(listed):
             return None
-        there = cells.positions(cells.address[listed]) - np.asarray(box.low)
-        low = np.maximum(there.min(axis=0) - tuning.margin - 1, 0)
-        high = np.minimum(there.max(axis=0) + tuning.margin + 2, box.shape)
+        thick_places = cells.positions(cells.address[listed]) - np.asarray(box.low)
+        low = np.maximum(thick_places.min(axis=0) - tuning.margin - 1, 0)
+        high = np.minimum(thick_places.max(axis=0) + tuning.margin + 2, box.shape)
         thick = np.zeros((high - low)[::-1], bool)
-        thick[tuple((there - low).T[::-1])] = True
+        thick[tuple((thick_places - low).T[::-1])] = True
         region = scipy.ndimage.binary_dilation(thick, iterations=tuning.margin)
         places = np.full(region.shape, NONE, np.int32)
         places[region] = np.arange(np.count_nonzero(region))
         at = np.argwhere(region)[:, ::-1]
-        around = np.pad(places, 1, constant_values=OUTSIDE)
+        padded = np.pad(places, 1, constant_values=OUTSIDE)
         beside = np.full((len(at), 6), NONE, np.int32)
         interfaces = 0
         for axis in range(3):
             ends = []
             for up in (0, 1):
-                near = at.T + 1
-                near[axis] += 2 * up - 1
-                number = around[tuple(near[::-1])]
+                neighbour = at.T + 1
+                neighbour[axis] += 2 * up - 1
+                number = padded[tuple(neighbour[::-1])]
                 ends_there = number == NONE
                 ends.append(interfaces + int(np.count_nonzero(ends_there)))
                 number = np.where(number == OUTSIDE, NONE, number)
@@ -146,8 +146,8 @@ class ThickRegion:
             continues &= scatters
         real = source.dtype.type
         own_source = np.zeros((len(source), len(address)), real)
-        first, emission = cells.needs.boundaries, cells.thermal_planes(real, address)
-        own_source[first : first + len(emission)] = emission
+        first_emitter, emission = cells.needs.boundaries, cells.thermal_planes(real, address)
+        own_source[first_emitter : first_emitter + len(emission)] = emission
         own_source[:, scatters] = source[:, number[scatters]]
         own_gradient = np.zeros((0, len(address)), real)
         if gradient is not None:
@@ -156,10 +156,14 @@ class ThickRegion:
             among = np.where(scatters, among[number], NONE)
             own_gradient = gradient.reshape(-1, len(linear_cells))[:, among]
             own_gradient = own_gradient * (among >= 0).astype(real)
-        own_source[first : first + len(emission), continues] -= emission[:, continues]
+        own_source[first_emitter : first_emitter + len(emission), continues] -= emission[
+            :, continues
+        ]
         scattered = np.where(continues, cells.albedo[number], 1.0).astype(real)
         emitted = np.zeros((len(cells.needs.components), len(address)), real)
-        emitted[first : first + len(emission)] = continues * seen.thermal_planes(real, address)
+        emitted[first_emitter : first_emitter + len(emission)] = continues * seen.thermal_planes(
+            real, address
+        )
         planes = [emitted, *(own_source / scattered).reshape(-1, len(emitted), len(address))]
         planes.extend((own_gradient / scattered).reshape(-1, len(emitted), len(address)))
         fours = -(-len(emitted) // 4) * 4

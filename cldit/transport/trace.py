@@ -43,11 +43,11 @@ def settings_for(
     phase = mie
     if spec.phase is not None and not (named := named_phase(spec.phase)).mie:
         phase = None if named.cumulative is None else ScatteringTable.of(named.cumulative)
-    wanted, thick = tuning.ordinates, tuning.thick_depth
+    ordinates, thick = tuning.ordinates, tuning.thick_depth
     if phase is not None:
-        wanted, thick = tuning.ordinates_phase, tuning.thick_depth_phase
-    few = int(np.clip(8 * round(wanted // 8 * finer), 16, 512))
-    directions = spec.directions or few
+        ordinates, thick = tuning.ordinates_phase, tuning.thick_depth_phase
+    directions_default = int(np.clip(8 * round(ordinates // 8 * finer), 16, 512))
+    directions = spec.directions or directions_default
     deeper = float(np.clip(accuracy_K / tuning.path_depth_at_K, 1.0, 3.0))
     return TraceSettings(
         directions=max(8, directions // 2),
@@ -87,15 +87,21 @@ def trace_each(
     total = len(trees)
     traces: list[Trace] = []
     # The wavelength that chooses rays comes first, the others have the same.
-    first = next((n for n, one in enumerate(settings) if one.rays_K is not None), 0)
-    trees.insert(0, trees.pop(first))
-    ordered = [settings[first], *settings[:first], *settings[first + 1 :]]
+    leading = next(
+        (n for n, wavelength in enumerate(settings) if wavelength.rays_K is not None),
+        0,
+    )
+    trees.insert(0, trees.pop(leading))
+    ordered = [settings[leading], *settings[:leading], *settings[leading + 1 :]]
     for number in range(total):
         if report is not None and total > 1:
             report(f"wavelength {number + 1} of {total}")
         # All wavelengths are audited in the same pixels, where their errors add as in the image.
-        sample = next((one.audit.sample for one in traces if one.audit is not None), None)
-        made = trace(
+        sample = next(
+            (earlier.audit.sample for earlier in traces if earlier.audit is not None),
+            None,
+        )
+        traced = trace(
             trees.pop(0),
             scene,
             device,
@@ -104,8 +110,8 @@ def trace_each(
             audit_sample=sample,
             rays=traces[0].rays if traces else None,
         )
-        traces.append(made)
-    traces.insert(first, traces.pop(0))
+        traces.append(traced)
+    traces.insert(leading, traces.pop(0))
     return traces
 
 
@@ -148,16 +154,16 @@ def trace(
             "middle of the lens; allowed: method source, or no lens"
         )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
-    given = TraceInput.of(tree, scene, device, single)
-    if given.cells.needs.scattering and settings.method != "source":
-        return (trace_path if settings.method == "path" else trace_branching)(given, report)
+    trace_input = TraceInput.of(tree, scene, device, single)
+    if trace_input.cells.needs.scattering and settings.method != "source":
+        return (trace_path if settings.method == "path" else trace_branching)(trace_input, report)
     try:
-        result = trace_source(given, report, pixels, rays)
+        result = trace_source(trace_input, report, pixels, rays)
     except NotConvergedError:
         if settings.precision != "auto" or not device.info.float64:
             raise
         if report is not None:
             report("single precision does not resolve this source; repeating in double precision")
-        given = replace(given, settings=replace(settings, precision="float64"))
-        result = trace_source(given, report, pixels, rays)
-    return audited(given, result, audit_sample)
+        trace_input = replace(trace_input, settings=replace(settings, precision="float64"))
+        result = trace_source(trace_input, report, pixels, rays)
+    return audited(trace_input, result, audit_sample)

@@ -47,25 +47,25 @@ class TraceCost:
         """
         clock = time.process_time if device.is_cpu else time.perf_counter
         start = clock()
-        found = work()
+        trace = work()
         spent_s = clock() - start
-        whole = sum(found.seconds.values())
-        spent_s /= max(whole, 1e-9)  # core seconds for a second; compilation is paid once
-        swept = found.seconds.get("scattering", 0.0)
-        seen = found.seconds.get("image", 0.0) + found.seconds.get("gather", 0.0)
-        background = found.weights.background
+        total = sum(trace.seconds.values())
+        spent_s /= max(total, 1e-9)  # core seconds for a second; compilation is paid once
+        swept = trace.seconds.get("scattering", 0.0)
+        seen = trace.seconds.get("image", 0.0) + trace.seconds.get("gather", 0.0)
+        background = trace.weights.background
         pixels, sees = float(background.size), background < 1
         if chance is not None and sees.any():
             # Horvitz and Thompson: the share of the whole image's pixels that see the medium.
             share = np.sum(1.0 / chance[sees]) / np.sum(1.0 / chance)
             pixels = float(np.count_nonzero(sees) / share)
         ordinates = settings.final_directions
-        return found, cls(cells, ordinates, pixels, swept * spent_s, seen * spent_s)
+        return trace, cls(cells, ordinates, pixels, swept * spent_s, seen * spent_s)
 
     def scaled_s(self, cells: int, ordinates: int, pixels: int, wavelengths: int) -> float:
         """Core seconds of an image of `wavelengths` with so many ordinates in all."""
-        more = cells / max(self.cells, 1)  # an empty medium has none
+        growth = cells / max(self.cells, 1)  # an empty medium has none
         return float(
-            self.sweeps_s * more * ordinates / self.ordinates
-            + self.rays_s * more ** (1 / 3) * pixels / self.pixels * wavelengths
+            self.sweeps_s * growth * ordinates / self.ordinates
+            + self.rays_s * growth ** (1 / 3) * pixels / self.pixels * wavelengths
         )

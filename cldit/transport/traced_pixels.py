@@ -34,29 +34,31 @@ class TracedPixels:
 
 def traced_pixels(
     rays: Rays,
-    given: TraceInput,
+    trace_input: TraceInput,
     pixels: Ints | None = None,
-    wanted: Across | None = None,
+    rays_wanted: Across | None = None,
 ) -> TracedPixels:
     """Traces all pixels, or those of the flat numbers `pixels` (N,) as an image of one row.
 
-    `wanted` (H, W) are the rays across each pixel; None: the number of the scene, or, with
+    `rays_wanted` (H, W) are the rays across each pixel; None: the number of the scene, or, with
     `settings.rays_K`, as many as the error needs.
     """
-    scene, settings, view = given.scene, given.settings, given.view
+    scene, settings, view = trace_input.scene, trace_input.settings, trace_input.view
     columns, rows = view.pixels
-    few = scene.camera.rays_across or 1
+    rays_across = scene.camera.rays_across or 1
     if pixels is not None:
-        across = np.full(len(pixels), few)
+        across = np.full(len(pixels), rays_across)
         return TracedPixels(rays.through(pixels, across)[:, :, None, :], None, across[None])
     images = rays.middle()
     if scene.camera.lens is not None and scene.camera.rays_across is None:
-        few = _LENS
-    across = np.full(rows * columns, few) if wanted is None else wanted.reshape(-1)
+        rays_across = _LENS
+    across = (
+        np.full(rows * columns, rays_across) if rays_wanted is None else rays_wanted.reshape(-1)
+    )
     several = np.flatnonzero(across > 1)
     middle = images.copy() if settings.rays_K is not None or len(several) else None
     subpixels = None
-    results = PixelResults.of(view, given.temperature)
+    results = PixelResults.of(view, trace_input.temperature)
     if settings.rays_K is not None:
         choice = RayChoice(rays, images, results)
         subpixels = _chosen(choice, settings)

@@ -39,13 +39,13 @@ def dilated(chosen: Mask, pixels: int) -> Mask:
 class View:
     """Camera and background in finest cells from the cube's lower corner.
 
-    disc: (4,) centre x, y, z and squared radius.
+    disc: (4,) centre x, y, z and squared radius; infinite for an enclosure.
     patches: (P, 4, 4), see boundary.py.
-    middle: (4,) the target point, and 0.
+    middle: (4,) the target point, and 1 for a pinhole camera, 0 for parallel rays.
     pitch: width and height of a pixel in the target plane.
     distance: from the camera to the target.
     pixels: columns, rows.
-    defines: compile-time defines of the kernels. device: finds what pixels see.
+    device: finds what pixels see.
     regular: several rays of a pixel are on a regular grid; else they are a net, which has no two of
     them in a row or column (edges of cells are parallel to those). aperture: radius of the lens; 0:
     a pinhole. focus: from the camera to the plane in focus. visible: emissivity above which a pixel
@@ -58,7 +58,6 @@ class View:
     pitch: tuple[float, float]
     distance: float
     pixels: tuple[int, int]
-    defines: dict[str, int]
     device: Device
     regular: bool = True
     aperture: float = 0.0
@@ -78,25 +77,33 @@ class View:
         frame, camera = cells.tree.frame, scene.camera
         centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]
         (columns, rows), (width_m, height_m) = camera.pixels, camera.field_m
-        background = "DISC" if scene.background.shape == "disc" else "ENCLOSURE"
+        is_disc = scene.background.shape == "disc"
+        radius = scene.background.radius_m / frame.cell_m if is_disc else np.inf
         return cls(
-            disc=np.array([*centre, (scene.background.radius_m / frame.cell_m) ** 2]),
+            disc=np.array([*centre, radius**2]),
             patches=patch_rows(scene.patches, frame),
-            middle=np.array([*frame.to_cells(np.asarray([scene.target_m]))[0], 0.0]),
+            middle=np.array(
+                [*frame.to_cells(np.asarray([scene.target_m]))[0], camera.model == "pinhole"]
+            ),
             pitch=(width_m / frame.cell_m / columns, height_m / frame.cell_m / rows),
             distance=camera.distance_m / frame.cell_m,
             pixels=camera.pixels,
-            defines={
-                f"BOUNDARY_{background}": 1,
-                f"CAMERA_{camera.model.upper()}": 1,
-                **({"N_PATCHES": len(scene.patches)} if scene.patches else {}),
-            },
             device=device,
             regular=camera.rays_across is not None and camera.lens is None,
             aperture=camera.aperture_m / frame.cell_m / 2,
             focus=camera.focus_m / frame.cell_m,
             visible=visible,
         )
+
+    @property
+    def camera(self) -> Floats:
+        """(4,) place of the camera, and the last of `middle`."""
+        return np.asarray(self.middle - np.array([0.0, self.distance, 0.0, 0.0]))
+
+    @property
+    def is_enclosed(self) -> bool:
+        """True if the background surrounds everything."""
+        return bool(np.isinf(self.disc[3]))
 
     def places(self, across: int) -> Floats:
         """Rays (across^2, 4) of a pixel: right and down of its corner, in pixels, where they cross
@@ -111,16 +118,16 @@ class View:
             return np.hstack([in_pixel, np.zeros((across**2, 2))])
         points = net(across**2)
         lens = self.aperture * on_disc(points[:, 2:])
-        apart = (1.0 - self.distance / self.focus) * lens / np.array(self.pitch)
-        return np.hstack([points[:, :2] + apart * (1.0, -1.0), lens])
+        shift = (1.0 - self.distance / self.focus) * lens / np.array(self.pitch)
+        return np.hstack([points[:, :2] + shift * (1.0, -1.0), lens])
 
     def rays(self, across: Ints) -> tuple[Floats, NDArray[np.int32]]:
         """`places` (R, 4) of pixels with `across`^2 (N,) rays each, and those (N, 2) of each pixel:
         the number of the first, and how many they are."""
-        numbers, which = np.unique(across, return_inverse=True)
-        each = np.stack([np.cumsum(numbers**2) - numbers**2, numbers**2], axis=1)
+        numbers, position = np.unique(across, return_inverse=True)
+        ranges = np.stack([np.cumsum(numbers**2) - numbers**2, numbers**2], axis=1)
         places = [np.zeros((0, 4)), *(self.places(int(number)) for number in numbers)]
-        return np.concatenate(places), each.astype(np.int32)[which]
+        return np.concatenate(places), ranges.astype(np.int32)[position]
 
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
@@ -139,10 +146,10 @@ class View:
     def sees_background(self) -> Mask:
         """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
-        every = np.arange(columns * rows)
-        return np.asarray(self.boundary_shares(every, np.ones_like(every))[0] > 0).reshape(
-            rows, columns
-        )
+        pixel_numbers = np.arange(columns * rows)
+        return np.asarray(
+            self.boundary_shares(pixel_numbers, np.ones_like(pixel_numbers))[0] > 0
+        ).reshape(rows, columns)
 
     @cached_property
     def sees_background_alone(self) -> Mask:
@@ -156,8 +163,8 @@ class View:
 
     def blur_pixels(self, *y: float) -> int:
         """Pixels, rounded up, by which the lens blurs an edge in any of the planes `y`."""
-        away = self.distance + np.asarray(y) - self.middle[1]
-        radius = self.aperture * np.abs(self.distance / away - self.distance / self.focus)
+        plane_distance = self.distance + np.asarray(y) - self.middle[1]
+        radius = self.aperture * np.abs(self.distance / plane_distance - self.distance / self.focus)
         return int(np.ceil(radius.max() / min(self.pitch)))
 
     def on_background(self, pixels: Ints) -> Mask:
@@ -176,9 +183,11 @@ class View:
         `across`^2 (..., N) lines of sight go through each pixel.
         """
         device = self.device
-        defines = {**self.defines, **({"USE_FLOAT64": 1} if device.info.float64 else {})}
+        patches = len(self.patches)
+        defines = {"N_PATCHES": patches, "USE_FLOAT64": int(device.info.float64)}
+        defines = {name: count for name, count in defines.items() if count}
         program = build(device, "boundary_shares.cl", defines)
-        listed, parts = np.broadcast_to(pixels, across.shape).reshape(-1), 2 + len(self.patches)
+        listed, parts = np.broadcast_to(pixels, across.shape).reshape(-1), 2 + patches
         places, ranges = self.rays(across.reshape(-1))
         out = unset(device, "shares of the boundary", parts * len(listed), np.int32)
         if len(listed):
@@ -232,8 +241,8 @@ def upload_tree(
     device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
 ) -> dict[str, Any]:
     """Kernel arguments of the octree and its optical depths; `linear`: with their gradients."""
-    whole = device_cells(device, cells, real, linear=linear)
-    return {name: whole[name] for name in whole.keys() - {"corners", "albedo", "thermal"}}
+    buffers = device_cells(device, cells, real, linear=linear)
+    return {name: buffers[name] for name in buffers.keys() - {"corners", "albedo", "thermal"}}
 
 
 def upload_medium(
@@ -243,8 +252,8 @@ def upload_medium(
 
     `linear`: the extinction is linear within cells.
     """
-    whole = device_cells(device, cells, real, linear=linear)
-    tree = {name: whole[name] for name in whole.keys() - {"corners"}}
+    buffers = device_cells(device, cells, real, linear=linear)
+    tree = {name: buffers[name] for name in buffers.keys() - {"corners"}}
     return {**tree, **view.geometry(device, cells, real)}
 
 
@@ -256,7 +265,7 @@ def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """
     frame, box = cells.tree.frame, cells.box()
     low, high = np.asarray(box.low, float), np.add(box.low, box.shape).astype(float)
-    if scene.background.shape == "disc" and view.disc[1] < high[1] - 1.0:
+    if not view.is_enclosed and view.disc[1] < high[1] - 1.0:
         reach = frame.lower_m[1] + high[1] * frame.cell_m
         raise TransportError(
             f"background.centre_m: y = {scene.background_centre_m[1]:g} m is inside the spray, "

@@ -1,10 +1,9 @@
-"""Error of the cells: of lines of sight, and of the scattered light.
+"""Error of the cells.
 
     python -m tests.bench cell_error gdi-cone --halvings 7
     python -m tests.bench cell_error droplets-only --halvings 6 --pixels 64
 
-The image's cells have an edge h, the light's H. The reference has h / 2 or h / 4 for both. An image
-by the light of H = h through cells of h / 2 estimates the error by the lines of sight alone.
+The cells have an edge h; the references have h / 2, h / 4, and so on.
 """
 
 from __future__ import annotations
@@ -56,23 +55,18 @@ def main() -> None:
     parser.add_argument("--pixels", type=int, default=40)
     parser.add_argument("--halvings", type=int, required=True, help="of the cube, for h")
     parser.add_argument("--finer", type=int, default=2, help="halvings of h for the reference")
-    parser.add_argument("--coarser", type=int, default=0, help="doublings of H beyond h")
     parser.add_argument("--accuracy", type=float, default=0.5, help="of ordinates and paths, K")
     given = parser.parse_args()
     tracer = tracer_of(given.scene, given.pixels, given.accuracy)
     settings = replace(tracer.settings, rays_K=None, subpixels=False)
-    finest = given.halvings + given.finer
-    trees = {depth: tree_at(tracer, depth) for depth in range(given.halvings, finest + 1)}
 
-    def image(depth: int, light: int) -> ImagePair:
-        one = replace(settings, light=light)
+    def image(depth: int) -> ImagePair:
+        tree = tree_at(tracer, depth)
         made, cost = clocked(
-            tracer.device, lambda: trace(trees[depth], tracer.scene, tracer.device, one)
+            tracer.device, lambda: trace(tree, tracer.scene, tracer.device, settings)
         )
         seconds = ", ".join(f"{name} {value:.2f}" for name, value in made.seconds.items())
-        cell_mm = 1e3 * trees[depth].frame.cell_m
-        sizes = f"h {cell_mm:.3g} mm, H {cell_mm * 2**light:.3g} mm"
-        print(f"{sizes}: {cost.core_s:.1f} core-s ({seconds})")
+        print(f"h {1e3 * tree.frame.cell_m:.3g} mm: {cost.core_s:.1f} core-s ({seconds})")
         return ImagePair.of(made)
 
     def row(name: str, one: ImagePair, other: ImagePair) -> None:
@@ -85,16 +79,9 @@ def main() -> None:
             flush=True,
         )
 
-    start = image(given.halvings, 0)
+    start = image(given.halvings)
     for up in range(1, given.finer + 1):
-        depth = given.halvings + up
-        own, lent = image(depth, 0), image(depth, up)
-        row(f"true error of h, against h / {2**up}", start, own)
-        row("estimate: light of h through these", start, lent)
-        row("rest: scattered light", lent, own)
-    for more in range(1, given.coarser + 1):
-        lent = image(finest, given.finer + more)
-        row(f"scattered light of H = {2**more} h", lent, own)
+        row(f"error of h, against h / {2**up}", start, image(given.halvings + up))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ from cldit.gpu.program import Define, build
 from cldit.transport.camera_source import final_sweeps
 from cldit.transport.cell_records import CellRecords, Sources
 from cldit.transport.cells import OpticalCells
-from cldit.transport.coarse_light import CoarseLight
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.iteration import iterate_source
@@ -76,14 +75,10 @@ class Kernels:
         """Camera."""
         return View.of(self.case.scene, self.cells, self.case.device)
 
-    def _defines(self) -> dict[str, Define]:
-        return {**self.cells.needs.defines, **self.view.defines}
-
     def image(self, *, images: int = 1, linear: bool = False) -> Cost:
         """Images from given sources, constant or linear in each cell."""
         device, cells, real = self.case.device, self.cells, np.float32
-        defines: dict[str, Define] = {**self._defines(), "IMAGES": images}
-        defines["CUTOFF"] = self.case.settings().ending(self.cells, self.case.scene)
+        defines: dict[str, Define] = {**cells.needs.defines, "IMAGES": images}
         if linear:
             defines["LINEAR_SOURCE"] = 1
         program = build(device, "image.cl", defines)
@@ -103,6 +98,7 @@ class Kernels:
             "number": number,
             **made.upload(program, number, sources, None),
             **self.view.geometry(device, cells, real),
+            "cutoff": self.case.settings().ending(cells, self.case.scene),
         }
         tiles = self.view.tiles(program, "image")
         return quickest(
@@ -121,7 +117,6 @@ class Kernels:
         if vector is not None:
             flags["SIMD_WIDTH"] = vector
         given = TraceInput(cells, case.scene, view, case.device, settings)
-        light = CoarseLight(given, given)
         region = thick_region(cells, settings)
         if region is None:
             return None
@@ -129,9 +124,9 @@ class Kernels:
         rng = np.random.default_rng(settings.seed)
         solved = iterate_source(problem, rng, None)
         camera = final_sweeps(problem, moment_source(problem, solved, rng))
-        image = formal_solution(given, region.listed)
+        image = formal_solution(given, region)
         assert camera.cell_sources is not None
-        sampler = PathSampler(image, light, region, camera.cell_sources, settings, flags)
+        sampler = PathSampler(image, region, camera.cell_sources, settings, flags)
         found: list[ThickPixels] = []
 
         class Collect:
@@ -165,7 +160,7 @@ class Kernels:
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""
         device, cells, real = self.case.device, self.cells, np.float32
-        program = build(device, "count.cl", self.view.defines)
+        program = build(device, "count.cl", cells.needs.defines)
         columns, rows = self.view.pixels
         out = zeros(device, "steps", 2 * rows * columns, np.int32)
         arguments = {
@@ -182,8 +177,7 @@ class Kernels:
     def sweep(self, count: int, *, vector: int | None = None) -> Cost:
         """Sweeps with `count` ordinates; `vector`: cells at once, None: as in a trace."""
         device, cells = self.case.device, self.cells
-        defines = self._defines()
-        specialised: dict[str, Define] = {**defines, **simd_defines(device)}
+        specialised: dict[str, Define] = {**cells.needs.defines, **simd_defines(device)}
         if vector is not None:
             specialised["SIMD_WIDTH"] = vector
         sweeper = Sweeper(

@@ -1,5 +1,5 @@
-"""NumPy twin, in double precision, of kernels/linear_coefficients.cl, of the limiter, and of
-image.cl's records."""
+"""NumPy twin, in double precision, of kernels/linear_coefficients.cl, of `limit_gradient`
+(kernels/components.h), and of image.cl's records."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from cldit.medium.frame import BRICK
 from cldit.medium.limiter import limited
 from cldit.medium.octree import Octree
 from cldit.transport.cells import OpticalCells, SweptBox
-from cldit.transport.coarse_light import limit
 from cldit.transport.discrete_ordinates.gradients import beside_on_axes
 from cldit.transport.linear_coefficients import _coarse, _positive
 
@@ -306,3 +305,32 @@ class RecordsTwin:
                 value[thick, needs.boundaries : -1] = thermal[row[thick]]
             mine[row] = value
         return out
+
+
+def limit(gradient: NDArray[np.floating], light: NDArray[np.floating], boundaries: int) -> None:
+    """Limits gradients (3, C, N) in place, so that no component is negative anywhere in a cell.
+
+    The means of the cells (C, N), `light`, are conserved, as by the slope limiters of finite
+    volumes (van Leer, J. Comput. Phys. 32, 1979). The excess of a component goes to the others of
+    its group, the first `boundaries` ones from outside or those that the medium emits, by their
+    shares of the light. So the sums of both groups keep their gradients, which are opposite in an
+    isothermal cavity. If the others cannot take it, all gradients of the cell shrink by one factor.
+    """
+    mean = np.maximum(light, 0)
+    for group in (slice(boundaries), slice(boundaries, None)):
+        total = mean[group].sum(axis=0)
+        gradient *= _allowed(np.abs(gradient[:, group].sum(axis=1)).sum(axis=0), total)
+    for group in (slice(boundaries), slice(boundaries, None)):
+        part, own = mean[group], gradient[:, group]
+        total, change = part.sum(axis=0), own.sum(axis=1)
+        own *= _allowed(np.abs(own).sum(axis=0), part)
+        share = np.divide(part, total, out=np.zeros_like(part), where=total > 0)
+        own += (change - own.sum(axis=1))[:, None] * share
+    if len(mean):
+        gradient *= _allowed(np.abs(gradient).sum(axis=0), mean).min(axis=0)
+
+
+def _allowed(steepness: NDArray[np.floating], mean: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Factors up to 1 with which sums of |gradient| along the axes are at most twice the mean."""
+    most = 2 * mean
+    return np.asarray(np.divide(most, steepness, out=np.ones_like(most), where=steepness > most))

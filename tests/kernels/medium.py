@@ -18,6 +18,7 @@ from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 EDGE_M = 0.16
 DISC = np.array([8.0, 17.0, 9.0, 16.0])
+ENCLOSURE = np.array([0.0, 0.0, 0.0, np.inf])
 
 
 def random_tree(seed: int, *, cells: int = 16, scattering: float = 1.0) -> Octree:
@@ -52,15 +53,20 @@ def source_planes(cells: OpticalCells) -> NDArray[np.float64]:
     return np.concatenate([outside, cells.thermal_planes(np.float64)])
 
 
-def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> Sweeper:
+def sweeper_of(
+    device: Device,
+    cells: OpticalCells,
+    defines: dict[str, Any] | None = None,
+    disc: NDArray[np.float64] = DISC,
+) -> Sweeper:
     """The tree's box on the device, compiled with these beside what the cells need."""
-    common = {**cells.needs.defines, **defines}
+    common = {**cells.needs.defines, **(defines or {})}
     return Sweeper(
         device,
         cells,
         build(device, "sweep.cl", {**common, **simd_defines(device)}),
         build(device, "source_update.cl", {**common, **simd_defines(device)}),
-        disc=DISC,
+        disc=disc,
     )
 
 

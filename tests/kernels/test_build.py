@@ -36,12 +36,10 @@ def test_unknown_include_names_file_and_line(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     ("name", "defines", "missing"),
     [
-        ("image.cl", {"CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "BOUNDARY_ENCLOSURE"),
-        ("image.cl", {"BOUNDARY_DISC": 1, "CUTOFF": 0.1}, "CAMERA_PINHOLE"),
-        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "IMAGES": 1}, "CUTOFF"),
-        ("image.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "CUTOFF": 0.1}, "IMAGES"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "SIMD_WIDTH": 1}, "HAS_SCATTERING"),
-        ("sweep.cl", {"BOUNDARY_DISC": 1, "HAS_SCATTERING": 1, "SIMD_WIDTH": 3}, "SIMD_WIDTH"),
+        ("image.cl", {}, "IMAGES"),
+        ("branching.cl", {"HAS_SCATTERING": 1}, "HIGHEST_ORDER"),
+        ("sweep.cl", {"SIMD_WIDTH": 1}, "HAS_SCATTERING"),
+        ("sweep.cl", {"HAS_SCATTERING": 1, "SIMD_WIDTH": 3}, "SIMD_WIDTH"),
     ],
 )
 def test_missing_define_is_named(
@@ -61,7 +59,7 @@ def test_compiler_errors_name_the_kernel_file(
 
     monkeypatch.setattr(kernel_source, "read_source", broken)
     with pytest.raises(KernelError, match=r"kernels/real\.h:3"):
-        build(device, "count.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1})
+        build(device, "count.cl", {})
 
 
 def test_lines_that_a_compiler_counts_itself_are_named_by_file() -> None:
@@ -76,9 +74,9 @@ def test_lines_that_a_compiler_counts_itself_are_named_by_file() -> None:
 
 
 def test_what_was_built_is_built_once_a_device(device: Device) -> None:
-    defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}
+    defines = {"EMITTERS": 1}
     first, again = build(device, "count.cl", defines), build(device, "count.cl", defines)
-    other = build(device, "count.cl", {**defines, "HAS_VAPOUR": 1})
+    other = build(device, "count.cl", {"EMITTERS": 2})
     made = [program.built.program for program in (first, again, other)]
     assert made[0] is made[1] is not made[2]
     assert again.defines == defines
@@ -100,8 +98,7 @@ def test_a_program_is_compiled_under_a_lock(
 
     monkeypatch.setattr(compilation, "_from_source", watched)
     monkeypatch.setattr(compilation, "default_cache", lambda: tmp_path)
-    defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}
-    build(device, "count.cl", defines, preamble="#define LOCKED 1")
+    build(device, "count.cl", {}, preamble="#define LOCKED 1")
     [lock] = tmp_path.rglob("*.lock")
     with FileLock(lock, timeout=0):
         pass

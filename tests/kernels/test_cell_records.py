@@ -149,8 +149,7 @@ def test_records_are_numpys(device: Device, real: type[np.floating], case: dict[
     if case.get("known"):
         known = np.arange(2, count, 11), rng.normal(size=(3, parts, len(range(2, count, 11)))) / 4
     images = max(len(listed), 1)
-    defines: dict[str, Any] = {**cells.needs.defines, "IMAGES": images, "CUTOFF": 1e-4}
-    defines |= {"BOUNDARY_DISC": 1, "CAMERA_ORTHOGRAPHIC": 1}
+    defines: dict[str, Any] = {**cells.needs.defines, "IMAGES": images}
     defines |= {"LINEAR_COEFFICIENTS": 1} if linear else {}
     defines |= {"LINEAR_SOURCE": 1} if linear or spatial else {}
     defines |= {"GATHER": 1} if thick is not None else {}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 COUNT = 4000
-LINEAR = "#define LINEAR_COEFFICIENTS 1\n#define HAS_DROPLETS 1"
+LINEAR = "#define LINEAR_COEFFICIENTS 1\n#define EMITTERS 1"
 # A line p + t d from t = a on, through the leaf of 1 or 8 cells that has cell (3, 4, 5) in it.
 SETUP = """
     __global const real *l = b_ + 6 * i;

@@ -14,14 +14,8 @@ from cldit.transport.final_gather.gather import neyman_allocation
 from cldit.transport.sobol import DIMENSIONS, points
 
 DEFINES = f"""
-#define HAS_DROPLETS 1
+#define EMITTERS 1
 #define HAS_SCATTERING 1
-#define BOUNDARY_ENCLOSURE 1
-#define CAMERA_ORTHOGRAPHIC 1
-#define CUTOFF 1e-4
-#define MIN_TRANSMISSION 1e-4
-#define MAX_SEGMENTS 4
-#define END_WEIGHT R(0.2)
 #define PENDING_READS 2
 #define SIMD_WIDTH 8
 #define NEAREST_SIDE {NEAREST_SIDE}

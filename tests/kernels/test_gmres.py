@@ -36,7 +36,7 @@ def test_correction_along_more_directions(device: Device, deeper: float) -> None
     and that is closer than before. The radiance is that of the source."""
     tree = random_tree(3, scattering=deeper)
     cells = OpticalCells.of(tree)
-    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    sweeper = sweeper_of(device, cells)
     rng = np.random.default_rng(4)
     few, many = (
         sweeper.rays(isotropic(count, rng).balanced(), rng.random((count, 2))) for count in (8, 128)
@@ -64,7 +64,7 @@ def test_correction_along_more_directions(device: Device, deeper: float) -> None
 def test_the_correction_ends(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cycles of four vectors; each reduces the residual, but four iterations are all there are."""
     cells = OpticalCells.of(random_tree(3, scattering=30.0))
-    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    sweeper = sweeper_of(device, cells)
     rng = np.random.default_rng(4)
     few, many = (
         sweeper.rays(isotropic(count, rng).balanced(), rng.random((count, 2))) for count in (8, 128)
@@ -115,14 +115,14 @@ def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) 
 def test_residual_after_moments(device: Device, many: int) -> None:
     """A sweep for moments leaves the I - S from which the residual follows, as a sweep for it."""
     cells = OpticalCells.of(random_tree(3))
-    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    sweeper = sweeper_of(device, cells)
     rng = np.random.default_rng(4)
     rays = sweeper.rays(isotropic(12, rng), rng.random((12, 2)))
     sweeper.set_source(rng.random((sweeper.components, sweeper.count)), shining=True)
     space = sweeper.krylov()
     sweeper.sweep(rays, shining=True)
     sweeper.residual(space, space.left, shining=True)
-    flags: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, **simd_defines(device)}
+    flags: dict[str, Any] = {**cells.needs.defines, **simd_defines(device)}
     program = build(device, "sweep.cl", flags | ({"ANGULAR_MOMENTS": 1} if many > 1 else {}))
     room = sweeper.room(many)
     sweeper.moments(program, rays, out=sweeper.unset_light(many), room=room)

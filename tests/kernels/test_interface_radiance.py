@@ -16,7 +16,7 @@ from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.tuning import Tuning
 
-from .medium import random_tree, sweeper_of
+from .medium import ENCLOSURE, random_tree, sweeper_of
 
 
 def test_radiance_on_interfaces(device: Device) -> None:
@@ -27,8 +27,7 @@ def test_radiance_on_interfaces(device: Device) -> None:
     cells = OpticalCells.of(clear)
     thick = ThickRegion.of(cells, cells.box(), deeper_than=6e-10, tuning=Tuning())
     assert thick is not None
-    flags = {**cells.needs.defines, "BOUNDARY_DISC": 1, "CAMERA_ORTHOGRAPHIC": 1}
-    flags |= {"INTERFACE_RADIANCE": 1}
+    flags = {**cells.needs.defines, "INTERFACE_RADIANCE": 1}
     sweeper = sweeper_of(device, cells, flags)
     program = build(device, "sweep.cl", {**flags, **simd_defines(device)})
     rng = np.random.default_rng(2)
@@ -64,8 +63,8 @@ def test_radiance_on_interfaces_along_an_axis(device: Device) -> None:
     deeper = float(np.median(cells.depth[cells.address]))
     thick = ThickRegion.of(cells, box, deeper_than=deeper, tuning=Tuning())
     assert thick is not None
-    flags = {**cells.needs.defines, "BOUNDARY_ENCLOSURE": 1, "INTERFACE_RADIANCE": 1}
-    sweeper = sweeper_of(device, cells, flags)
+    flags = {**cells.needs.defines, "INTERFACE_RADIANCE": 1}
+    sweeper = sweeper_of(device, cells, flags, disc=ENCLOSURE)
     program = build(device, "sweep.cl", {**flags, **simd_defines(device)})
     along = Ordinates(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     rays = sweeper.rays(along, np.zeros((1, 2)))

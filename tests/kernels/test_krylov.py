@@ -16,7 +16,7 @@ from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
 
 PARTS = 4
-DEFINES: dict[str, Any] = {"HAS_SCATTERING": 1, "HAS_VAPOUR": 1, "HAS_DROPLETS": 1}
+DEFINES: dict[str, Any] = {"HAS_SCATTERING": 1, "EMITTERS": 2}
 
 
 def space_of(device: Device, count: int, vector: int) -> tuple[KrylovSpace, ScatteringCells]:

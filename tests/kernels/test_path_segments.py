@@ -29,7 +29,7 @@ __kernel void segments(
     __global const int4 *at, __global const int *beside, __global const float *depth,
     __global const float *cells, __global const float *light, __global const float *whole)
 {
-    const ThickRegion region = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, 1, (int4)(0),
+    const ThickRegion region = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, (int4)(0),
                        (int4)(0), {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}
 #ifdef BLURRED_BOUNDARY
                        , whole
@@ -43,7 +43,7 @@ __kernel void segments(
     for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
         __global const float *l = lines + 9 * (get_global_id(0) * SIMD_WIDTH + lane);
         const float3 from = (float3)(l[1], l[2], l[3]), direction = (float3)(l[4], l[5], l[6]);
-        start_segment(&f, lane, (int)l[0], from, direction, l[7], l[8]);
+        start_segment(&f, lane, (int)l[0], from, direction, l[7], CUTOFF, l[8]);
     }
     while (any_of(f.active)) {
         const SegmentEnd e = cross_cell(sum, &pending, &f, &region);
@@ -180,9 +180,8 @@ def _traced(
 ) -> tuple[Floats, Floats]:
     """Sums (N / vector, C + 1); weight scattered, and where, of each segment (N, 5)."""
     count = len(lines)
-    defines = "".join(f"#define {flag} 1\n" for flag in ("HAS_DROPLETS", "BOUNDARY_DISC", *flags))
-    defines += f"#define MIN_TRANSMISSION {cutoff}f\n#define PENDING_READS 3\n"
-    defines += f"#define SIMD_WIDTH {vector}\n"
+    defines = "".join(f"#define {flag} 1\n" for flag in ("EMITTERS", *flags))
+    defines += f"#define PENDING_READS 3\n#define SIMD_WIDTH {vector}\n#define CUTOFF {cutoff}f\n"
     light = region.light
     if "BLURRED_BOUNDARY" in flags:  # the background's excess behind the components
         light = np.concatenate([light, region.excess[..., None]], axis=2)

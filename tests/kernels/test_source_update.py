@@ -11,12 +11,12 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.angular_moments import MOMENTS, phase_coefficients
 from cldit.transport.cells import OpticalCells
-from cldit.transport.coarse_light import limit
 from cldit.transport.discrete_ordinates import sweep as sweep_module
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
+from .cell_twin import limit
 from .medium import DISC, random_tree
 
 ROUNDINGS = 4e-7  # some of single precision, of numbers up to 2
@@ -25,7 +25,7 @@ ROUNDINGS = 4e-7  # some of single precision, of numbers up to 2
 def sweeper_of(device: Device, flags: dict[str, Any]) -> Sweeper:
     """Sweeper of random cells, a third of which have a gradient with LINEAR_SOURCE."""
     cells = OpticalCells.of(random_tree(3))
-    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, **simd_defines(device)}
+    defines: dict[str, Any] = {**cells.needs.defines, **simd_defines(device)}
     linear = np.arange(len(cells.address)) % 3 == 0 if "LINEAR_SOURCE" in flags else None
     return Sweeper(
         device,

@@ -58,8 +58,10 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
         }
     )
     view = View.of(scene, cells, device)
-    defines: dict[str, Any] = {**cells.needs.defines, **view.defines, "CUTOFF": 1e-6}
-    formal_solution = FormalSolution.of(cells, view, scene, device, defines, linear=True)
+    defines: dict[str, Any] = {**cells.needs.defines}
+    formal_solution = FormalSolution.of(
+        cells, view, scene, device, defines, cutoff=1e-6, linear=True
+    )
     rise = np.array([0.03, 0.0, -0.02])
     at = cells.positions(cells.address) + 0.5 - CELLS / 2
     parts = len(cells.needs.components)

@@ -26,7 +26,7 @@ from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
-from .medium import DISC, random_tree, source_planes, sweeper_of
+from .medium import DISC, ENCLOSURE, random_tree, source_planes, sweeper_of
 from .reference import sweep
 
 WINDOWS = (
@@ -54,7 +54,7 @@ def test_sweep_against_numpy(
     tree = random_tree(3)
     cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in windows))
     patches = patch_rows(windows, tree.frame)
-    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1}
+    defines: dict[str, Any] = {**cells.needs.defines}
     if float64:
         defines["USE_FLOAT64"] = 1
     sized = {**defines, **simd_defines(device), "SIMD_WIDTH": vector}
@@ -104,7 +104,7 @@ def test_sweep_against_numpy(
 def test_rays_that_change_rows_at_the_ends_of_layers(device: Device) -> None:
     """Along the cube's diagonals, from corner to corner of cells (tolerance: as above)."""
     cells = OpticalCells.of(random_tree(3))
-    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    sweeper = sweeper_of(device, cells)
     corners = np.array(list(product((-1.0, 1.0), repeat=3))) / 3**0.5
     rays = sweeper.rays(Ordinates(corners, np.full(8, 1 / 8)), np.zeros((8, 2)))
     source = source_planes(cells)
@@ -137,7 +137,7 @@ def moments(
     "got" is the kernel's, "expected" the NumPy twin's. "given" is the source (1 or 9, C, N),
     "changes" its gradient (3, C, M). With SPATIAL_MOMENTS, "more" is the radiance's gradient less
     the source's, and "expected more" the twin's."""
-    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, "SIMD_WIDTH": vector}
+    defines: dict[str, Any] = {**cells.needs.defines, "SIMD_WIDTH": vector}
     program = build(device, "sweep.cl", {**defines, **flags, "ANGULAR_MOMENTS": 1})
     rng = np.random.default_rng(5)
     linear_cells = rng.random(len(cells.address)) < 0.3 if "SPATIAL_MOMENTS" in flags else None
@@ -254,13 +254,12 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     clear = OpticalCells.of(replace(tree, fields=fields))
     defines = {
         **cells.needs.defines,
-        "BOUNDARY_DISC": 1,
         **simd_defines(device),
         "LINEAR_SOURCE": 1,
         "SPATIAL_MOMENTS": 1,
     }
     program = build(device, "sweep.cl", defines)
-    flags = {"CAMERA_SWEEP": 1, "CAMERA_ORTHOGRAPHIC": 1}
+    flags = {"CAMERA_SWEEP": 1}
     rng = np.random.default_rng(5)
     linear_cells = rng.random(len(cells.address)) < 0.3
     iterate = build(device, "source_update.cl", defines)
@@ -276,12 +275,12 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     towards = build(device, "sweep.cl", {**defines, **flags})
     seen_there = build(device, "sweep.cl", {**even, **flags, "VIEW_TRANSMISSION": 1})
     for seen in (clear, cells):
-        camera = CameraSweep.of(sweeper, towards, seen, phase=np.zeros(1), place=np.zeros(3))
+        camera = CameraSweep.of(sweeper, towards, seen, phase=np.zeros(1), place=np.zeros(4))
         mean, discrete_to_moment = sweeper.view_weighted_mean(camera, rays)
         np.testing.assert_allclose(mean, light[0], rtol=0, atol=2e-6)  # a few roundings of 12 rays
         assert discrete_to_moment is not None
         np.testing.assert_allclose(discrete_to_moment, more, atol=5e-5)  # twelve times as much
-        camera = CameraSweep.of(sweeper, seen_there, seen, phase=np.zeros(1), place=np.zeros(3))
+        camera = CameraSweep.of(sweeper, seen_there, seen, phase=np.zeros(1), place=np.zeros(4))
         mean, _ = sweeper.view_weighted_mean(camera, rays)
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
 
@@ -301,13 +300,11 @@ def test_blurred_boundary_against_numpy(
     patches = patch_rows(windows, tree.frame)
     defines: dict[str, Any] = {
         **cells.needs.defines,
-        "BOUNDARY_DISC": 1,
         **simd_defines(device),
         "SIMD_WIDTH": vector,
         "LINEAR_SOURCE": 1,
         "SPATIAL_MOMENTS": 1,
         "CAMERA_SWEEP": 1,
-        "CAMERA_ORTHOGRAPHIC": 1,
         "BLURRED_BOUNDARY": SIDE,
     }
     program, update = build(device, "sweep.cl", defines), build(device, "source_update.cl", defines)
@@ -327,7 +324,7 @@ def test_blurred_boundary_against_numpy(
         upload(device, "maps", maps.astype(np.float32)),
         upload(device, "frames", frames.astype(np.float32)),
     )
-    camera = CameraSweep.of(sweeper, program, whole, phase=np.zeros(1), place=np.zeros(3))
+    camera = CameraSweep.of(sweeper, program, whole, phase=np.zeros(1), place=np.zeros(4))
     got, more = sweeper.view_weighted_mean(
         camera, sweeper.rays(directions, starts), blurred=blurred
     )
@@ -404,7 +401,7 @@ def test_sweep_of_one_row_is_exact(device: Device) -> None:
     """Along an axis the sweep is the exact solution: Beer-Lambert through the cells."""
     tree = random_tree(4, scattering=1e-9)
     cells = OpticalCells.of(tree)
-    sweeper = sweeper_of(device, cells, {"BOUNDARY_ENCLOSURE": 1})
+    sweeper = sweeper_of(device, cells, disc=ENCLOSURE)
     along = Ordinates(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     sweeper.set_source(np.zeros_like(sweeper.thermal), shining=False)
     sweeper.sweep(sweeper.rays(along, np.zeros((1, 2))), shining=True)
@@ -421,7 +418,7 @@ def test_sweeps_repeat_to_the_last_bit(device: Device) -> None:
     over and over, always give the same sums."""
     tree = random_tree(6, cells=32)
     cells = OpticalCells.of(tree)
-    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    sweeper = sweeper_of(device, cells)
     rng = np.random.default_rng(2)
     directions, starts = isotropic(24, rng), rng.random((24, 2))
     discrete_to_moment = []

@@ -31,7 +31,7 @@ TILES: dict[str, Any] = {"SIMD_WIDTH": 8}
 BY_RAY: dict[str, Any] = {"SIMD_WIDTH": 1}
 WORDS: dict[str, Any] = {"SIMD_WIDTH": 1, "FIXED_POINT_WORDS": 1}
 SPATIAL = {"LINEAR_SOURCE": 1, "SPATIAL_MOMENTS": 1}
-CAMERA = {"CAMERA_SWEEP": 1, "CAMERA_ORTHOGRAPHIC": 1, "PHASE_STEPS": PHASE_STEPS}
+CAMERA = {"CAMERA_SWEEP": 1, "PHASE_STEPS": PHASE_STEPS}
 VARIANTS: dict[str, dict[str, Any]] = {
     "plain": {},
     "linear": {"LINEAR_SOURCE": 1},
@@ -53,7 +53,7 @@ def swept(
     rng = np.random.default_rng(5)
     own = cells.needs.defines
     real = {"USE_FLOAT64": 1} if "USE_FLOAT64" in variant else {}
-    program = build(device, "sweep.cl", {**own, "BOUNDARY_DISC": 1, **variant, **way})
+    program = build(device, "sweep.cl", {**own, **variant, **way})
     linear_cells = rng.random(len(cells.address)) < 0.3 if "LINEAR_SOURCE" in variant else None
     sweeper = Sweeper(
         device,
@@ -100,7 +100,7 @@ def swept(
             program,
             cells,
             phase=rng.uniform(0.5, 2.0, len(classes) * PHASE_STEPS),
-            place=np.zeros(3),
+            place=np.zeros(4),
             classes=classes if len(classes) > 1 else None,
         )
         mean, more = sweeper.view_weighted_mean(camera, rays, light, blurred)
@@ -157,7 +157,7 @@ def test_sums_in_two_words_have_the_same_bits(device: Device, variant: str) -> N
 def test_rays_fill_a_gpu_with_few_launches(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """A sweep by ray is one launch for each order of axes, however many ordinates it has."""
     cells = OpticalCells.of(random_tree(3))
-    defines: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, **BY_RAY}
+    defines: dict[str, Any] = {**cells.needs.defines, **BY_RAY}
     program = build(device, "sweep.cl", defines)
     update = build(device, "source_update.cl", defines)
     sweeper = Sweeper(device, cells, program, update, disc=DISC)

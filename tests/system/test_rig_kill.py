@@ -58,7 +58,9 @@ PLAN = Plan.model_validate(
 GUARD_s = 300.0  # in which the guard makes its three attempts, each watching for a minute
 
 
-def until(condition: Callable[[], bool], seconds: float, what: str, log: Path | None = None) -> None:
+def until(
+    condition: Callable[[], bool], seconds: float, what: str, log: Path | None = None
+) -> None:
     end = time.monotonic() + seconds
     while not condition():
         text = log.read_text() if log is not None and log.exists() else ""

@@ -35,7 +35,7 @@ BUDGETS: dict[str, int] = {
     "drivers": 4250,
     "gpu": 1250,
     "io": 2000,
-    "kernels": 6500,
+    "kernels": 6250,
     "medium": 2000,
     "optics": 3500,
     "prepare": 1250,

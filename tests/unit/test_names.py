@@ -43,13 +43,13 @@ FINISHED: dict[str, str] = {
     "scene": "",
     "spray": "",
     "testing": "first last text told wanted what",  # of the contract, for authors of drivers
+    "transport": "first known",  # of a range; of gradients that precede those from neighbours
 }
 SHARES: dict[str, float] = {
     "accuracy": 16.0,
     "comparison": 20.5,
     "show": 11.0,
     "study": 11.0,
-    "transport": 10.0,
 }
 
 

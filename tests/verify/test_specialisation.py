@@ -1,4 +1,5 @@
-"""A scene compiles in what it needs, and nothing else: read from the built programs' defines."""
+"""A scene compiles in the physics that it needs, and none of its values: read from the built
+programs' defines."""
 
 from __future__ import annotations
 
@@ -20,28 +21,37 @@ SCATTERING = {"droplet_scattering_per_m": 10.0}
 
 
 @pytest.mark.parametrize(
-    ("arrays", "flags"),
+    ("arrays", "emitters", "scatters"),
     [
-        (VAPOUR, {"HAS_VAPOUR"}),
-        (ABSORBING, {"HAS_DROPLETS"}),
-        ({**VAPOUR, **ABSORBING}, {"HAS_VAPOUR", "HAS_DROPLETS"}),
-        ({**VAPOUR, **SCATTERING}, {"HAS_VAPOUR", "HAS_DROPLETS", "HAS_SCATTERING"}),
-        ({"vapour_absorption_per_m": 0.0}, set()),
+        (VAPOUR, 1, False),
+        (ABSORBING, 1, False),
+        ({**VAPOUR, **ABSORBING}, 2, False),
+        ({**VAPOUR, **SCATTERING}, 2, True),
+        ({"vapour_absorption_per_m": 0.0}, 0, False),
     ],
 )
-def test_defines(run_block: Callable[..., Run], arrays: dict[str, float], flags: set[str]) -> None:
-    run = run_block(arrays, size_m=CUBE, **SMALL)
-    built = run.info.defines
-    assert {name for name in built["image.cl"] if name.startswith("HAS_")} == flags
-    assert ("sweep.cl" in built) == ("HAS_SCATTERING" in flags)
-    assert ("source_update.cl" in built) == ("HAS_SCATTERING" in flags)
-    assert "BOUNDARY_DISC" in built["image.cl"] and "CAMERA_PINHOLE" in built["image.cl"]
+def test_defines(
+    run_block: Callable[..., Run], arrays: dict[str, float], emitters: int, scatters: bool
+) -> None:
+    built = run_block(arrays, size_m=CUBE, **SMALL).info.defines
+    assert built["image.cl"].get("EMITTERS", 0) == emitters
+    for name in ("sweep.cl", "source_update.cl"):
+        assert (name in built) == scatters
+    assert ("HAS_SCATTERING" in built["image.cl"]) == scatters
 
 
-def test_enclosure_compiles_no_disc(run_block: Callable[..., Run]) -> None:
-    run = run_block(VAPOUR, size_m=CUBE, **SMALL, background={"shape": "enclosure"})
-    assert "BOUNDARY_DISC" not in run.info.defines["image.cl"]
-    assert not np.any(run.weights.wall)
+def test_scenes_that_differ_by_values_share_their_programs(run_block: Callable[..., Run]) -> None:
+    """Camera, background, emitter, optical depth, tolerance and cutoff compile nothing anew."""
+    parallel = {"pixels": 8, "model": "orthographic"}
+    runs = [
+        run_block(VAPOUR, size_m=CUBE, **SMALL),
+        run_block(ABSORBING, size_m=CUBE, **{**SMALL, "camera": parallel}),
+        run_block(VAPOUR, size_m=CUBE, **SMALL, background={"shape": "enclosure"}),
+        run_block(VAPOUR, size_m=CUBE, **SMALL, transport={"cutoff": 1e-3}),
+        run_block(VAPOUR, size_m=CUBE, **SMALL, transport={"accuracy_K": 0.02}),
+    ]
+    assert all(run.info.defines == runs[0].info.defines for run in runs)
+    assert [bool(np.any(run.weights.wall)) for run in runs] == [True, True, False, True, True]
 
 
 def test_parts_that_are_absent_are_zero(run_block: Callable[..., Run]) -> None:

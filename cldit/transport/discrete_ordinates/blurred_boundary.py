@@ -61,20 +61,20 @@ class ForwardPeak:
 
     def about(self, ray: Floats) -> tuple[Floats, Floats]:
         """Directions (K T, 3) of the peak about the unit vector `ray` (3,), and weights (K T,)."""
-        first, second = _across(ray)
+        axis_u, axis_v = _across(ray)
         number = np.arange(len(self.cosine))
         turn = 2 * np.pi * (np.arange(_TURNS) + number[:, None] / 2) / _TURNS
         sine = np.sqrt(1 - self.cosine**2)[:, None, None]
-        round_ = np.cos(turn)[..., None] * first + np.sin(turn)[..., None] * second
+        round_ = np.cos(turn)[..., None] * axis_u + np.sin(turn)[..., None] * axis_v
         unit = self.cosine[:, None, None] * ray + sine * round_
         return unit.reshape(-1, 3), np.repeat(self.weight / _TURNS, _TURNS)
 
 
 def _across(ray: Floats) -> tuple[Floats, Floats]:
     """Two unit vectors (3,) perpendicular to `ray` (3,) and to each other."""
-    first = np.cross(np.eye(3)[int(np.argmin(np.abs(ray)))], ray)
-    first /= np.linalg.norm(first)
-    return first, np.cross(ray, first)
+    axis_u = np.cross(np.eye(3)[int(np.argmin(np.abs(ray)))], ray)
+    axis_u /= np.linalg.norm(axis_u)
+    return axis_u, np.cross(ray, axis_u)
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,7 @@ def blurred_maps(
     """
     size = np.asarray(box.shape, float)
     centre, radius = view.disc[:3] - box.low, float(view.disc[3]) ** 0.5
-    enclosure = "BOUNDARY_ENCLOSURE" in view.defines
-    if enclosure:
+    if view.is_enclosed:
         centre = np.array([0.0, 1e12, 0.0])  # behind every patch
     patches = shifted(view.patches, -np.asarray(box.low, float))
     maps = np.zeros((len(directions), 1 + len(patches), SIDE, SIDE))
@@ -147,7 +146,7 @@ def blurred_maps(
             radius=radius,
             patches=patches,
         ).reshape(SIDE, SIDE, -1)
-        if enclosure:
+        if view.is_enclosed:
             seen[seen == 1] = 0  # the background is everywhere except on patches
         for number, component in enumerate((0, *range(2, 2 + len(patches)))):
             map_[number] = (seen == component) @ weight

@@ -31,7 +31,8 @@ class CameraSweep:
     """Sweep program that weights ordinates by the scattering to the camera.
 
     phase: phase function in equal steps of the sine of half the angle.
-    place: (4,) position of the camera, in cells from the box's lower corner, and 0.
+    place: (4,) position of the camera, in cells from the box's lower corner, and 1 for a pinhole, 0
+        for parallel rays.
     shares: sums of weights in every cell, in packets of either order of axes.
     seen: with VIEW_TRANSMISSION, optical depths to the camera and inverse mean transmissions; with
         BLURRED_BOUNDARY, optical depths; with PHASE_CLASSES, shares of the droplet size classes.
@@ -61,7 +62,7 @@ class CameraSweep:
             medium: the original medium, without delta-M.
             phase: `ScatteringTable.by_half_sine` of each class of droplet size; one number without
                 PHASE_STEPS.
-            place: (3,) position of the camera, in cells of the cube.
+            place: (4,) likewise, in cells of the cube.
             classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
         device, box, packets, real = sweeper.device, sweeper.box, sweeper.packets, sweeper.real
@@ -73,20 +74,28 @@ class CameraSweep:
             views["whole_depth"] = medium.depth
         for name, values in views.items():
             dense = turned_too(medium.dense(box, values.astype(real)))
-            for turned, some in packets.items():
-                seen[turned][name] = upload(device, "optical depth", some.packed(dense[turned]))
+            for turned, cell_packets in packets.items():
+                seen[turned][name] = upload(
+                    device, "optical depth", cell_packets.packed(dense[turned])
+                )
         if classes is not None:
-            each = [turned_too(medium.dense(box, one.astype(real))) for one in classes[1:]]
-            for turned, some in packets.items():
-                packed = np.stack([some.packed(one[turned]) for one in each], axis=1)
+            dense_shares = [
+                turned_too(medium.dense(box, class_share.astype(real)))
+                for class_share in classes[1:]
+            ]
+            for turned, cell_packets in packets.items():
+                packed = np.stack(
+                    [cell_packets.packed(class_share[turned]) for class_share in dense_shares],
+                    axis=1,
+                )
                 seen[turned]["class_shares"] = upload(device, "size classes", packed)
         return cls(
             program=program,
             phase=upload(device, "phase function", phase.astype(real)),
-            place=np.append(place - box.low, 0.0).astype(real),
+            place=(place - [*box.low, 0.0]).astype(real),
             shares={
-                turned: zeros(device, "shares", some.cells, sweeper.sum_type)
-                for turned, some in packets.items()
+                turned: zeros(device, "shares", cell_packets.cells, sweeper.sum_type)
+                for turned, cell_packets in packets.items()
             },
             seen=seen,
         )

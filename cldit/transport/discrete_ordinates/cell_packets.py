@@ -42,13 +42,13 @@ class CellPackets:
     @classmethod
     def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> "CellPackets":
         """Packets of a box with masks (l, v, u) of the non-empty and of the scattering cells."""
-        some = np.asarray(_split(filled).any(axis=2))
-        row, place = np.nonzero(some)
-        number = np.full(some.shape, -1, np.int32)
+        occupied = np.asarray(_split(filled).any(axis=2))
+        row, place = np.nonzero(occupied)
+        number = np.full(occupied.shape, -1, np.int32)
         number[row, place] = np.arange(len(row))
         clear = ~_split(scatters)[row, place].any(axis=1)
         return cls(
-            first=np.searchsorted(row, np.arange(len(some) + 1)).astype(np.int32),
+            first=np.searchsorted(row, np.arange(len(occupied) + 1)).astype(np.int32),
             along=np.where(clear, -1 - PACKET * place, PACKET * place).astype(np.int32),
             number=number,
         )

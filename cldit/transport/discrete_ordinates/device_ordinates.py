@@ -32,17 +32,17 @@ class DeviceOrdinates:
         directions: Ordinates,
         starts: Floats,
         *,
-        together: int,
+        batch: int,
         edge: int | None,
         real: Real,
     ) -> "DeviceOrdinates":
         """Uploads a quadrature; arguments as in `sweep_schedules`. `edge` None: without tiles."""
         ready = []
-        whole = max(box.shape) if edge is None else edge
-        for schedule in sweep_schedules(box, directions, starts, together=together, edge=whole):
+        tile_edge = max(box.shape) if edge is None else edge
+        for schedule in sweep_schedules(box, directions, starts, batch=batch, edge=tile_edge):
             nothing = np.zeros((len(schedule), 1))
-            most = schedule.layout.size[2] + 1  # cells by which rays shift
-            origin = np.where([schedule.rightwards, schedule.upwards], most, 1)
+            margin = schedule.layout.size[2] + 1  # cells by which rays shift
+            origin = np.where([schedule.rightwards, schedule.upwards], margin, 1)
             tables = {
                 **({} if edge is None else {"tiles": schedule.tiles}),
                 "begins_at": schedule.begins,

@@ -87,28 +87,31 @@ def gmres(
             GMRES's own residual.
     """
     space, source = sweeper.krylov(), sweeper.listed(guess)
-    first = source
-    iterations, inverse_norm, before = 0, 1.0, np.inf
+    start_source = source
+    iterations, inverse_norm, previous = 0, 1.0, np.inf
     while True:
         sweeper.set_source(source, shining=True)
         sweeper.sweep(rays, shining=True)
         iterations += 1
         sweeper.residual(space, space.left, shining=True)
         rms, *_ = space.measured()
-        now = _worst(rms)
+        residual_rms = _worst(rms)
         if report is not None:
-            report(f"iteration {iterations}: residual {now:.1e}, error {now * inverse_norm:.1e}")
-        if now == 0.0 or (iterations > 1 and now * inverse_norm <= tolerance):
+            report(
+                f"iteration {iterations}: residual {residual_rms:.1e}, "
+                f"error {residual_rms * inverse_norm:.1e}"
+            )
+        if residual_rms == 0.0 or (iterations > 1 and residual_rms * inverse_norm <= tolerance):
             break
-        if iterations >= sweeper.tuning.iterations or now > 0.5 * before:
-            raise _stuck(now * inverse_norm, iterations, tolerance)
-        before = now
+        if iterations >= sweeper.tuning.iterations or residual_rms > 0.5 * previous:
+            raise _stuck(residual_rms * inverse_norm, iterations, tolerance)
+        previous = residual_rms
         cycle = _krylov(sweeper, space, rms, rays, tolerance)
         iterations, inverse_norm = iterations + cycle.iterations, cycle.inverse_norm
-        now, source = _worst(cycle.rms), sweeper.corrected(space, first)
-        if not confirmed and now * inverse_norm <= tolerance:
+        residual_rms, source = _worst(cycle.rms), sweeper.corrected(space, start_source)
+        if not confirmed and residual_rms * inverse_norm <= tolerance:
             break
-    return Solution(source, iterations, now * inverse_norm)
+    return Solution(source, iterations, residual_rms * inverse_norm)
 
 
 def _stuck(error: float, iterations: int, tolerance: float) -> NotConvergedError:
@@ -144,20 +147,22 @@ def defect_correction(
     rms, peak, source = space.measured()
     # The residual is updated from cycle to cycle, so it does not show the rounding of the first.
     rounding = _ROUNDED * float(np.finfo(sweeper.real).eps) * _worst(source)
-    error = now = _worst(rms)
-    most, before = sweeper.tuning.solver_peak, np.inf
-    while now > 0.0 and (before == np.inf or error > tolerance or peak > most):
+    error = residual_rms = _worst(rms)
+    peak_limit, previous = sweeper.tuning.solver_peak, np.inf
+    while residual_rms > 0.0 and (previous == np.inf or error > tolerance or peak > peak_limit):
         # A few opaque cells may be far above the mean: they are solved as well.
-        before = now
-        cycle = _krylov(sweeper, space, rms, rays, tolerance * min(1.0, most / peak))
+        previous = residual_rms
+        cycle = _krylov(sweeper, space, rms, rays, tolerance * min(1.0, peak_limit / peak))
         rms, peak = cycle.rms, cycle.peak
         iterations += cycle.iterations
-        now = _worst(rms)
-        error = (now + rounding) * cycle.inverse_norm
+        residual_rms = _worst(rms)
+        error = (residual_rms + rounding) * cycle.inverse_norm
         if report is not None:
-            report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")
+            report(
+                f"iteration {iterations}, corrected: residual {residual_rms:.1e}, error {error:.1e}"
+            )
         spent = iterations >= sweeper.tuning.iterations
-        if spent or now > 0.5 * before or now < rounding:
+        if spent or residual_rms > 0.5 * previous or residual_rms < rounding:
             if error > tolerance:
                 raise _stuck(error, iterations, tolerance)
             break
@@ -188,12 +193,12 @@ def _krylov(
     """One cycle of GMRES for the residual `space.left`, whose RMS is `start` (C,)."""
     parts, tuning = len(start), sweeper.tuning
     bytes_ = parts * sweeper.count * np.dtype(sweeper.real).itemsize
-    most = int(np.clip(tuning.krylov_bytes / max(bytes_, 1), 12, tuning.krylov))
-    hessenberg = np.zeros((parts, most + 1, most))
-    best = np.zeros((parts, most))
+    capacity = int(np.clip(tuning.krylov_bytes / max(bytes_, 1), 12, tuning.krylov))
+    hessenberg = np.zeros((parts, capacity + 1, capacity))
+    best = np.zeros((parts, capacity))
     inverse_norm, taken = 1.0, 0
     space.begin()
-    while taken < most:
+    while taken < capacity:
         sweeper.set_source(None, shining=False)
         sweeper.sweep(rays, shining=False)
         j, taken = taken, taken + 1
@@ -217,5 +222,5 @@ def _krylov(
             break  # the space contains the solution
     used = taken + 1
     reached = np.einsum("cij,cj->ic", hessenberg[:, :used], best)
-    rms, peak = space.add(np.stack([np.eye(used, most) @ best.T, -reached]))
+    rms, peak = space.add(np.stack([np.eye(used, capacity) @ best.T, -reached]))
     return _Cycle(rms, peak, taken, inverse_norm)

@@ -47,11 +47,11 @@ class Gradients:
 
     def __call__(self, source: Reals) -> Floats:
         """Gradient (3, C, N) of a source (C, N), per cell."""
-        more = [
+        slopes = [
             weight * (source[:, neighbour] - source)
             for weight, neighbour in zip(self.weights, self.neighbours, strict=True)
         ]
-        return np.stack([more[0] + more[1], more[2] + more[3], more[4] + more[5]])
+        return np.stack([slopes[0] + slopes[1], slopes[2] + slopes[3], slopes[4] + slopes[5]])
 
 
 def diffusion_matters(cells: OpticalCells, *, scattered: float | Floats, tuning: Tuning) -> bool:
@@ -73,9 +73,9 @@ def beside_on_axes(
     cells: OpticalCells, box: SweptBox, offsets: Sequence[int], chosen: Mask
 ) -> Iterator[list[Numbers]]:
     """Yields for x, y and z the numbers (N,) of the chosen cells at these offsets; -1: none."""
-    far = max(offsets)
-    at = (cells.positions(cells.address) - np.asarray(box.low)).T + far
-    number = np.full(np.array(box.shape[::-1]) + 2 * far, -1, np.int32)
+    reach = max(offsets)
+    at = (cells.positions(cells.address) - np.asarray(box.low)).T + reach
+    number = np.full(np.array(box.shape[::-1]) + 2 * reach, -1, np.int32)
     number[tuple(at[::-1])] = np.where(chosen, np.arange(len(chosen)), -1)
     for axis in range(3):
         shifted = [at + offset * np.eye(3, dtype=int)[:, axis, None] for offset in offsets]
@@ -100,17 +100,26 @@ def _along(
     below_2, below, above, above_2: (N,) numbers of the cells at -2, -1, 1 and 2; -1: none. alike:
     largest ratio of similar depths.
     """
-    both = (below >= 0) & (above >= 0)
+    two_sided = (below >= 0) & (above >= 0)
     neighbours = np.stack([below, above])
-    weights = np.stack([-depth / (depth + depth[below]), depth / (depth + depth[above])]) * both
-    for row, near, far, other in ((0, below, below_2, above), (1, above, above_2, below)):
+    weights = (
+        np.stack([-depth / (depth + depth[below]), depth / (depth + depth[above])]) * two_sided
+    )
+    for row, neighbour, second_neighbour, opposite in (
+        (0, below, below_2, above),
+        (1, above, above_2, below),
+    ):
         sign = 2 * row - 1
-        alone = (near >= 0) & (other < 0)
-        further = alone & (far >= 0) & (depth < alike * np.minimum(depth[near], depth[far]))
-        face, next_face = depth + depth[near], depth[near] + depth[far]
+        one_sided = (neighbour >= 0) & (opposite < 0)
+        further = (
+            one_sided
+            & (second_neighbour >= 0)
+            & (depth < alike * np.minimum(depth[neighbour], depth[second_neighbour]))
+        )
+        face, next_face = depth + depth[neighbour], depth[neighbour] + depth[second_neighbour]
         extrapolated = np.where(further, 3 * depth / face + depth / next_face, 2 * depth / face)
-        weights[row] = np.where(alone, sign * extrapolated, weights[row])
+        weights[row] = np.where(one_sided, sign * extrapolated, weights[row])
         weights[1 - row] = np.where(further, -sign * depth / next_face, weights[1 - row])
-        neighbours[1 - row] = np.where(further, far, neighbours[1 - row])
-    every = np.arange(len(depth), dtype=np.int32)
-    return np.where(neighbours >= 0, neighbours, every), weights
+        neighbours[1 - row] = np.where(further, second_neighbour, neighbours[1 - row])
+    number = np.arange(len(depth), dtype=np.int32)
+    return np.where(neighbours >= 0, neighbours, number), weights

@@ -80,11 +80,11 @@ def _constant(
     plain = problem.program(problem.solver_defines)
     sweeper = problem.sweeper(problem.medium, plain)
     if settings.order is None:
-        solution, few = _coarse(problem, sweeper, rng, report)
+        solution, ordinates_of_solver = _coarse(problem, sweeper, rng, report)
         sweeper.set_source(solution.source, shining=True)
         sweeper.sweep(problem.ordinates(sweeper, problem.half, rng), shining=True)
         solution = defect_correction(
-            sweeper, solution, few, tolerance=settings.tolerance, report=report
+            sweeper, solution, ordinates_of_solver, tolerance=settings.tolerance, report=report
         )
     else:
         solution = _of_order(problem, sweeper, rng, settings.order - 1)
@@ -98,9 +98,9 @@ def _moments(
     """Solution in transport-corrected cells, and the moments of its radiance."""
     settings, phase = problem.settings, problem.settings.phase
     plain = problem.program(problem.solver_defines)
-    every = settings.order is None
+    all_orders = settings.order is None
     turned: float | Floats = 0.0
-    if every and phase is not None:
+    if all_orders and phase is not None:
         turned = phase_moments(problem.medium, phase, 2)[1]
     # Without a phase function all sweeps are of one medium and share a sweeper.
     serves = phase is None and "LINEAR_SOURCE" not in problem.solver_defines
@@ -112,8 +112,8 @@ def _moments(
     scratch: tuple[Any, ...] = ()
     if phase is not None and settings.order != 1:
         scratch = sweeper.room(MOMENTS)
-    if every:
-        solution, few = _coarse(problem, sweeper, rng, report)
+    if all_orders:
+        solution, ordinates_of_solver = _coarse(problem, sweeper, rng, report)
         if phase is not None:
             programs.append(problem.program({**problem.solver_defines, "ANGULAR_MOMENTS": 1}))
         sweeper.set_source(solution.source, shining=True)
@@ -122,7 +122,7 @@ def _moments(
         solution = defect_correction(
             sweeper,
             solution,
-            few,
+            ordinates_of_solver,
             tolerance=settings.tolerance,
             report=report,
             listed=scratch[1] if scratch else None,
@@ -155,11 +155,13 @@ def _coarse(
     problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, report: Report | None
 ) -> tuple[Solution, DeviceOrdinates]:
     """Solution along few ordinates, to be corrected, and these ordinates."""
-    few = problem.solver_ordinates(sweeper, rng)
+    ordinates_of_solver = problem.solver_ordinates(sweeper, rng)
     guess = order_0(sweeper, sweeper.albedo)
     settings = problem.settings
     tolerance = max(settings.tuning.solver_rough, settings.tolerance)
-    return gmres(sweeper, guess, few, tolerance=tolerance, report=report, confirmed=False), few
+    return gmres(
+        sweeper, guess, ordinates_of_solver, tolerance=tolerance, report=report, confirmed=False
+    ), ordinates_of_solver
 
 
 def _of_order(

@@ -116,13 +116,13 @@ class KrylovSpace:
         It is the present source as well, and has its products with the vectors, see `residual`.
         Returns these (`number`, C), and the RMS (C,) of the rest.
         """
-        some = {"image": self.image, "number": number, "count": self._cells.count}
+        arguments = {"image": self.image, "number": number, "count": self._cells.count}
         for again in range(_PASSES):
-            self._run("orthogonalise", again=again, **some)
+            self._run("orthogonalise", again=again, **arguments)
         self._normalise(self.image, number)
         sums = self._read_sums(_FIRST + _PASSES * number)
-        each = sums[_FIRST:].reshape(number, -1, *sums.shape[1:])
-        products = each.sum(axis=(1, 3), dtype=np.float64)
+        group_sums = sums[_FIRST:].reshape(number, -1, *sums.shape[1:])
+        products = group_sums.sum(axis=(1, 3), dtype=np.float64)
         return products / self._cells.count, self._rms(sums[0])
 
     def _rms(self, squares: Reals) -> Floats:

@@ -100,6 +100,6 @@ def _scattered(problem: SweepProblem, sweeper: Sweeper, light: Moments) -> Momen
     if problem.settings.phase is not None:
         moments = phase_moments(problem.medium, problem.settings.phase, 3)
         forward = problem.forward_fraction
-        _, first, second = (moments - forward) / (1.0 - forward)
-        ratios = phase_coefficients(first, second)
+        _, moment_1, moment_2 = (moments - forward) / (1.0 - forward)
+        ratios = phase_coefficients(moment_1, moment_2)
     return Moments(sweeper.source, sweeper.scatter(light.angular, light.gradient, ratios))

@@ -59,9 +59,10 @@ class SweepProblem:
     forward_peak: ForwardPeak | None
 
     @classmethod
-    def of(cls, given: TraceInput, region: ThickRegion | None) -> "SweepProblem":
+    def of(cls, trace_input: TraceInput, region: ThickRegion | None) -> "SweepProblem":
         """Chooses the physics of the sweeps, and builds the program of the final ones."""
-        medium, view, device, settings = given.cells, given.view, given.device, given.settings
+        medium, view = trace_input.cells, trace_input.view
+        device, settings = trace_input.device, trace_input.settings
         share: float | Floats = 1.0
         if settings.phase is not None:
             share = 1.0 - phase_moments(medium, settings.phase, 2)[1]
@@ -71,7 +72,7 @@ class SweepProblem:
         solver_defines: dict[str, Define] = {}
         if diffusion_matters(medium, scattered=share, tuning=tuning):
             solver_defines["LINEAR_SOURCE"] = 1
-        defines = given.defines
+        defines = trace_input.defines
         sweep_defines = {**defines, **simd_defines(device)}
         flags = {**solver_defines, **_source_defines(settings, linear_cells)}
         if settings.phase is not None:
@@ -80,8 +81,8 @@ class SweepProblem:
                 flags["PHASE_CLASSES"] = len(settings.phase.tables)
         if not settings.within_cells:
             flags.update(CAMERA_SWEEP=1, VIEW_TRANSMISSION=1)
-        many = tuning.spatial_from if settings.phase is None else tuning.spatial_from_phase
-        if linear_cells is not None and settings.final_directions >= many:
+        spatial_from = tuning.spatial_from if settings.phase is None else tuning.spatial_from_phase
+        if linear_cells is not None and settings.final_directions >= spatial_from:
             flags["SPATIAL_MOMENTS"] = 1
         peak = _forward_peak(settings, view)
         if peak is not None:
@@ -91,7 +92,7 @@ class SweepProblem:
         return cls(
             medium=medium,
             region=region,
-            scene=given.scene,
+            scene=trace_input.scene,
             view=view,
             device=device,
             settings=settings,
@@ -195,12 +196,12 @@ class SweepProblem:
         """Both halves of the final ordinates."""
         phase, count = self.settings.phase, 2 * self.half
         if phase is not None:
-            one, other = (half.by_axis() for half in about_camera(count, rng, phase).halves())
+            half_1, half_2 = (half.by_axis() for half in about_camera(count, rng, phase).halves())
         else:
-            both = self._over_sphere(sweeper, count, rng, self.settings.tuning.lean).halves()
-            one, other = (half.by_axis().balanced() for half in both)
+            halves = self._over_sphere(sweeper, count, rng, self.settings.tuning.lean).halves()
+            half_1, half_2 = (half.by_axis().balanced() for half in halves)
         starts = rng.random((count, 2))
-        return sweeper.rays(one, starts[: self.half]), sweeper.rays(other, starts[self.half :])
+        return sweeper.rays(half_1, starts[: self.half]), sweeper.rays(half_2, starts[self.half :])
 
     def _over_sphere(
         self, sweeper: Sweeper, count: int, rng: np.random.Generator, lean: float = 0.0
@@ -213,7 +214,6 @@ class SweepProblem:
             high=low + sweeper.box.shape,
             disc_centre=self.view.disc[:3],
             disc_radius=float(self.view.disc[3]) ** 0.5,
-            enclosure=self.scene.background.shape == "enclosure",
             lean=lean,
         )
 
@@ -223,12 +223,12 @@ def _forward_peak(settings: TraceSettings, view: View) -> ForwardPeak | None:
 
     A uniform boundary is not blurred.
     """
-    alike = "BOUNDARY_ENCLOSURE" in view.defines and not len(view.patches)
+    alike = view.is_enclosed and not len(view.patches)
     if alike or settings.phase is None or settings.order is not None:
         return None
     tuning = settings.tuning
-    wanted = tuning.delta_m and tuning.blurred_boundary
-    return ForwardPeak.of(settings.phase) if wanted else None
+    blurs = tuning.delta_m and tuning.blurred_boundary
+    return ForwardPeak.of(settings.phase) if blurs else None
 
 
 def _source_defines(settings: TraceSettings, linear_cells: Mask | None) -> dict[str, Define]:

@@ -30,8 +30,8 @@ class Ordinates:
     def joined(cls, sets: "Sequence[Ordinates]") -> "Ordinates":
         """Union of several quadratures, with equal shares."""
         return cls(
-            unit=np.concatenate([each.unit for each in sets]),
-            weight=np.concatenate([each.weight for each in sets]) / len(sets),
+            unit=np.concatenate([quadrature.unit for quadrature in sets]),
+            weight=np.concatenate([quadrature.weight for quadrature in sets]) / len(sets),
         )
 
     def __len__(self) -> int:
@@ -42,11 +42,11 @@ class Ordinates:
 
         Together they integrate better than two independent sets.
         """
-        one, other = (
-            Ordinates(unit=self.unit[first::2], weight=2 * self.weight[first::2])
-            for first in (0, 1)
+        even, odd = (
+            Ordinates(unit=self.unit[offset::2], weight=2 * self.weight[offset::2])
+            for offset in (0, 1)
         )
-        return one, other
+        return even, odd
 
     def by_axis(self) -> "Ordinates":
         """Same ordinates, sorted by their closest axis, by which they are swept."""
@@ -70,8 +70,8 @@ def _band(count: int, low: float, high: float, turn: float, lean: float = 0.0) -
     Their density is proportional to 1 - lean x z, |lean| < 1.
     """
     ends = np.array([low, high])
-    first, last = ends - lean / 2 * ends**2  # of the integral of the density
-    share = first + (last - first) * (np.arange(count) + 0.5) / count
+    begin, end = ends - lean / 2 * ends**2  # of the integral of the density
+    share = begin + (end - begin) * (np.arange(count) + 0.5) / count
     z = 2 * share / (1 + np.sqrt(1 - 2 * lean * share))
     angle = 2 * np.pi * (np.arange(count) / _GOLDEN + turn)
     r = np.sqrt(np.maximum(0.0, 1 - z * z))
@@ -124,8 +124,10 @@ def focused(
         _band(inside, edge, 1.0, turn[0]),
         _band(count - inside, -1.0, edge, turn[1], lean),
     ]
-    around = 1 / (1 - lean * parts[1][:, 2])
-    weight = np.concatenate([np.full(inside, solid / inside), (1 - solid) * around / around.sum()])
+    density = 1 / (1 - lean * parts[1][:, 2])
+    weight = np.concatenate(
+        [np.full(inside, solid / inside), (1 - solid) * density / density.sum()]
+    )
     frame = _frame_about(axis / np.linalg.norm(axis))
     return Ordinates(unit=np.concatenate(parts) @ frame.T, weight=weight)
 
@@ -157,23 +159,22 @@ def for_boundary(
     high: Floats,
     disc_centre: Floats,
     disc_radius: float,
-    enclosure: bool,
     lean: float = 0.0,
 ) -> Ordinates:
     """Ordinates for a box low..high (3,) in front of the background disc (lengths in one unit).
 
     They are `focused` on the cone of all directions from the box to the disc, or `isotropic` if
-    that is a large part of the sphere, or if the background is an enclosure. Radiance has edges, so
+    that is a large part of the sphere, or if the radius is infinite. Radiance has edges, so
     the error of n ordinates over a share s of the sphere is s / n^0.75. The sum of squares, of cone
     and rest, is smallest if the odds of an ordinate for the cone are (odds of s)^0.8.
     """
     middle = (low + high) / 2
     axis = disc_centre - middle
-    if enclosure or axis[1] <= 0:
+    if np.isinf(disc_radius) or axis[1] <= 0:
         return isotropic(count, rng)
     reach = disc_radius + float(np.linalg.norm((high - low)[[0, 2]])) / 2
-    near = disc_centre[1] - high[1]
-    half = float(np.arctan2(reach, max(near + (high[1] - low[1]) / 2, 1e-9)))
+    gap = disc_centre[1] - high[1]
+    half = float(np.arctan2(reach, max(gap + (high[1] - low[1]) / 2, 1e-9)))
     solid = (1 - np.cos(half)) / 2
     if solid > 0.25 or count < 8:
         return isotropic(count, rng)
@@ -228,8 +229,9 @@ def nearest(directions: Ordinates) -> NDArray[np.int32]:
     octant = (directions.unit > 0) @ [1, 2, 4]
     table = np.full((8, len(points)), -1, np.int32)
     for number in np.unique(octant):
-        some = np.flatnonzero(octant == number)
-        there = np.abs(directions.unit[some])
-        cosines = np.einsum("pk,dk->pd", points, there)  # not by BLAS, as in temperature_error.py
-        table[number] = some[np.argmax(cosines, axis=1)]
+        listed = np.flatnonzero(octant == number)
+        mirrored = np.abs(directions.unit[listed])
+        # Not by BLAS, as in temperature_error.py.
+        cosines = np.einsum("pk,dk->pd", points, mirrored)
+        table[number] = listed[np.argmax(cosines, axis=1)]
     return table.reshape(8, NEAREST_SIDE, NEAREST_SIDE)

@@ -68,18 +68,21 @@ class Segments:
         layer, along = np.floor(middle).astype(np.int64), middle % 1
         lateral = starts[ordinate] + slopes[ordinate] * middle[:, None]
         shift = np.floor(lateral).astype(np.int64)
-        each, count = ordinate * layers + layer, len(slopes) * layers  # layer of an ordinate
-        last = np.diff(each, append=count) > 0
+        crossed_layer = ordinate * layers + layer
+        count = len(slopes) * layers
+        ends_layer = np.diff(crossed_layer, append=count) > 0
         exits = np.empty((len(ordinate), 3), bool)
-        exits[:, 2] = last
+        exits[:, 2] = ends_layer
         place = np.empty((len(ordinate), 3))
         place[:, :2], place[:, 2] = lateral % 1, np.where(backwards[ordinate], 1 - along, along)
         mean = np.full(place.shape, 0.5)
         for axis in (0, 1):
-            enters = ~last & (np.diff(shift[:, axis], append=0) != 0)
-            never = np.bincount(each, enters, minlength=count) == 0
-            exits[:, axis] = enters | (last & never[each])
-            mean[:, axis] = np.bincount(each, share * place[:, axis], minlength=count)[each]
+            enters = ~ends_layer & (np.diff(shift[:, axis], append=0) != 0)
+            never = np.bincount(crossed_layer, enters, minlength=count) == 0
+            exits[:, axis] = enters | (ends_layer & never[crossed_layer])
+            mean[:, axis] = np.bincount(crossed_layer, share * place[:, axis], minlength=count)[
+                crossed_layer
+            ]
         scale = np.column_stack([1.0 / visible_gradient(slopes), np.ones(len(slopes))])
         return cls(
             ordinate=ordinate,

@@ -134,13 +134,13 @@ class Sweeper:
         self._together, self._edge = device.info.largest_buffer_bytes, max(self.box.shape)
         self._rays: dict[str, Any] = {}
         if not self._by_ray:
-            each = max(
+            ray_values = max(
                 layout.ray_rows * self.ray_planes * layout.slots
                 for layout in axis_orders(self.box.shape).values()
             )
-            fit = self._together // (each * np.dtype(real).itemsize)
+            fit = self._together // (ray_values * np.dtype(real).itemsize)
             self._together, self._edge = max(1, min(_TOGETHER, fit)), self._tile_edge()
-            self._rays = {"rays": zeros(device, "rays", self._together * each, real)}
+            self._rays = {"rays": zeros(device, "rays", self._together * ray_values, real)}
         self.albedo = cells.albedo
         self.opacity: NDArray[Any] = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
@@ -175,7 +175,7 @@ class Sweeper:
 
     def _tile_edge(self) -> int:
         """Edge of a tile, equal for all partitions of a device: sums are bit-identical."""
-        cores = sum(each.info.compute_units for each in (self.device, *self.device.others))
+        cores = sum(device.info.compute_units for device in (self.device, *self.device.others))
         # n x n tiles need 2 n launches, from four corners.
         return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
 
@@ -197,12 +197,14 @@ class Sweeper:
         """
         self._shining = shining
         if listed is not None:
-            given = self.listed(listed)
-            cl.enqueue_copy(self.device.queue, self.source, given, byte_count=given.size)
+            source_list = self.listed(listed)
+            cl.enqueue_copy(
+                self.device.queue, self.source, source_list, byte_count=source_list.size
+            )
         if gradient is not None:
             boxes = {turned: order.gradient for turned, order in self._order.items()}
-            some = {"planes": 3 * self.components, "count": len(self.linear_cells)}
-            self._cells.put(self.listed(gradient), boxes, self._linear_places, BOTH, **some)
+            sizes = {"planes": 3 * self.components, "count": len(self.linear_cells)}
+            self._cells.put(self.listed(gradient), boxes, self._linear_places, BOTH, **sizes)
         if self._neighbours:
             straight, turned = self._order[False], self._order[True]
             self._cells.run(
@@ -258,15 +260,15 @@ class Sweeper:
                         planes=self._planes,
                     )
             self._emits = (self._shining, cavity)
-        some = {"planes": self._planes, "count": self.count}
-        self._cells.put(self.source, self._source, self._places, orders, **some)
+        sizes = {"planes": self._planes, "count": self.count}
+        self._cells.put(self.source, self._source, self._places, orders, **sizes)
 
-    def _boxes(self, what: str, planes: int, dtype: type[np.generic]) -> Boxes:
+    def _boxes(self, label: str, planes: int, dtype: type[np.generic]) -> Boxes:
         """Buffer of either order's box; the orders share one if memory is short."""
         sizes = {turned: planes * packets.cells for turned, packets in self.packets.items()}
         if self._apart:
-            return {turned: unset(self.device, what, sizes[turned], dtype) for turned in BOTH}
-        return dict.fromkeys(BOTH, unset(self.device, what, max(sizes.values()), dtype))
+            return {turned: unset(self.device, label, sizes[turned], dtype) for turned in BOTH}
+        return dict.fromkeys(BOTH, unset(self.device, label, max(sizes.values()), dtype))
 
     def room(self, moments: int) -> tuple[Any, ...]:
         """Buffers for so many angular moments of I - S, in the boxes and in the list.
@@ -286,7 +288,7 @@ class Sweeper:
             self.box,
             directions,
             starts,
-            together=self._together,
+            batch=self._together,
             edge=None if self._by_ray else self._edge,
             real=self.real,
         )
@@ -325,14 +327,14 @@ class Sweeper:
             With SPATIAL_MOMENTS the gradient (3, C, K) of I - S in `linear_cells` on the device,
             else None.
         """
-        many = self.components * (MOMENTS if "ANGULAR_MOMENTS" in program.defines else 1)
-        i_minus_s, listed = (self._i_minus_s, self._listed) if many == self.components else room
+        planes = self.components * (MOMENTS if "ANGULAR_MOMENTS" in program.defines else 1)
+        i_minus_s, listed = (self._i_minus_s, self._listed) if planes == self.components else room
         gradient = self._sweep_all(
-            program, rays, True, i_minus_s, listed, many, interfaces=interfaces
+            program, rays, True, i_minus_s, listed, planes, interfaces=interfaces
         )
         weight = rays.directions.weight
         of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
-        offsets = None if many == self.components else of_isotropic
+        offsets = None if planes == self.components else of_isotropic
         self._radiance(out, listed, offsets, weight=float(weight.sum()))
         if gradient is not None:
             self._cells.run(
@@ -423,7 +425,7 @@ class Sweeper:
         camera: CameraSweep | None = None,
         *,
         interfaces: InterfaceRadiance | None = None,
-        more: Mapping[str, Any] | None = None,
+        extra: Mapping[str, Any] | None = None,
         cavity: bool = False,
     ) -> Any:
         """Sweeps all ordinates, both orders of packets at once if they have boxes of their own.
@@ -433,23 +435,26 @@ class Sweeper:
         """
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else None
         parts = {"planes": planes, "count": self.count}
-        some = {"planes": 3 * self.components, "count": len(self.linear_cells)}
+        sizes = {"planes": 3 * self.components, "count": len(self.linear_cells)}
         linear = "LINEAR_SOURCE" in program.defines
         for orders in (BOTH,) if self._apart else ((False,), (True,)):
             self._fill(orders, cavity=cavity)
             for order in (self._order[turned] for turned in orders):
                 box, turned = i_minus_s[order.turned], order.turned
                 clear(self.device, box, planes * order.packets.cells, self.sum_type)
-                own = {"i_minus_s": box, **({"gradient": order.gradient} if linear else {})}
+                box_arguments = {
+                    "i_minus_s": box,
+                    **({"gradient": order.gradient} if linear else {}),
+                }
                 if spatial is not None:
-                    own["spatial_moments"] = spatial[0][turned]
+                    box_arguments["spatial_moments"] = spatial[0][turned]
                     clear(self.device, spatial[0][turned], 3 * order.linear_size, self.sum_type)
                 if camera is not None:
                     clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
                 for schedule, tables, basis in rays.sweep_schedules:
                     if schedule.layout.turned is not turned:
                         continue
-                    arguments = {**own, **tables, **(more or {})}
+                    arguments = {**box_arguments, **tables, **(extra or {})}
                     arguments |= {} if spatial is None else basis
                     if camera is not None:
                         arguments |= camera.arguments(schedule.layout)
@@ -458,7 +463,7 @@ class Sweeper:
                     self._launch(program, schedule, shining, arguments)
             self._cells.collect(listed, i_minus_s, self._places, orders, **parts)
             if spatial is not None:
-                self._cells.collect(spatial[1], spatial[0], self._linear_places, orders, **some)
+                self._cells.collect(spatial[1], spatial[0], self._linear_places, orders, **sizes)
         self.sweeps += len(rays.directions)
         return None if spatial is None else spatial[1]
 
@@ -553,9 +558,9 @@ class Sweeper:
         in `moments`.
         """
         room = (self._i_minus_s, self._listed, self.components)
-        more = {} if blurred is None else blurred.arguments
+        extra = {} if blurred is None else blurred.arguments
         gradient = self._sweep_all(
-            camera.program, rays, True, *room, camera, interfaces=interfaces, more=more
+            camera.program, rays, True, *room, camera, interfaces=interfaces, extra=extra
         )
         self._cells.run(
             "weighted_mean",
@@ -571,8 +576,8 @@ class Sweeper:
         mean = self._cells.read(self._out)
         if gradient is None:
             return mean, None
-        one = {"planes": 1, "count": self.count}
-        self._cells.collect(self._out, camera.shares, self._places, BOTH, **one)
+        sizes_of_share = {"planes": 1, "count": self.count}
+        self._cells.collect(self._out, camera.shares, self._places, BOTH, **sizes_of_share)
         shares = download(self.device, self._out, np.empty(self.count, self.real))[
             self.linear_cells
         ]

@@ -63,10 +63,10 @@ class SweepArrays:
         _, ny, nz = box.shape
         place = packets.places(x * nz + z, y) if turned else packets.places(z * ny + y, x)
         packet, lane = np.divmod(place[linear_cells], PACKET)
-        some, within = np.unique(packet, return_inverse=True)
+        listed_packets, within = np.unique(packet, return_inverse=True)
         number = np.zeros(len(packets), np.int32)
-        number[some] = np.arange(1, len(some) + 1)
-        linear_size = len(some) * PACKET * len(cells.needs.components)
+        number[listed_packets] = np.arange(1, len(listed_packets) + 1)
+        linear_size = len(listed_packets) * PACKET * len(cells.needs.components)
         return cls(
             packets=packets,
             turned=turned,

@@ -109,21 +109,21 @@ class SweepSchedule:
 
 
 def sweep_schedules(
-    box: SweptBox, directions: Ordinates, starts: Floats, *, together: int, edge: int
+    box: SweptBox, directions: Ordinates, starts: Floats, *, batch: int, edge: int
 ) -> Iterator[SweepSchedule]:
     """Yields schedules of a quadrature's N ordinates, one order of axes after the other.
 
     Args:
         starts: (N, 2) positions of rays of each ordinate in the first layer's cells, 0 to 1.
-        together: largest number of ordinates of a schedule.
+        batch: largest number of ordinates of a schedule.
         edge: of tiles, see `kba_tiles`.
     """
     main = np.argmax(np.abs(directions.unit), axis=1)
     for axis, layout in axis_orders(box.shape).items():
         number = np.flatnonzero(main == axis)
-        for first in range(0, len(number), together):
-            some = number[first : first + together]
-            yield SweepSchedule.of(layout, some, directions, starts, edge=edge)
+        for first in range(0, len(number), batch):
+            numbers = number[first : first + batch]
+            yield SweepSchedule.of(layout, numbers, directions, starts, edge=edge)
 
 
 def _cuts(count: int, edge: int) -> NDArray[np.int32]:
@@ -151,27 +151,27 @@ def kba_tiles(
     """
     row, layer = _cuts(rows, edge), _cuts(layers, edge)
     bands, chunks = len(row) - 1, len(layer) - 1
-    band, chunk = (each.reshape(-1) for each in np.mgrid[:bands, :chunks])
+    band, chunk = (grid.reshape(-1) for grid in np.mgrid[:bands, :chunks])
     launch, parts = [], []
     for number, (first, end) in enumerate(quadrants):
         sense, down = divmod(number, 2)
         diagonal = (bands - 1 - band if down else band) + (chunks - 1 - chunk if sense else chunk)
-        low, high, near, far = row[band], row[band + 1], layer[chunk], layer[chunk + 1]
+        low, high, begin_layer, end_layer = row[band], row[band + 1], layer[chunk], layer[chunk + 1]
         table = np.empty((len(band), COLUMNS), np.int32)
         table[:, 0] = high - 1 if down else low
         table[:, 1] = high - low
-        table[:, 2] = layers - far if sense else near
-        table[:, 3] = far - near
+        table[:, 2] = layers - end_layer if sense else begin_layer
+        table[:, 3] = end_layer - begin_layer
         table[:, 4:] = first, end, sense, -1 if down else 1
-        some = (high > low) & (far > near) & (end > first)
-        parts.append(table[some])
+        filled = (high > low) & (end_layer > begin_layer) & (end > first)
+        parts.append(table[filled])
         twice = 2 * diagonal + (sense == 1) * (2 * diagonal == bands + chunks - 2)
-        launch.append(twice[some])
-    which, table = np.concatenate(launch), np.concatenate(parts)
+        launch.append(twice[filled])
+    launch_number, table = np.concatenate(launch), np.concatenate(parts)
     # Neighbours have about equal work and go to different halves of a launch, because devices with
     # few compute units process it in halves.
-    order = np.argsort(which, kind="stable")
-    begins = np.flatnonzero(np.diff(which[order], prepend=-1))
+    order = np.argsort(launch_number, kind="stable")
+    begins = np.flatnonzero(np.diff(launch_number[order], prepend=-1))
     place = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
-    order = order[np.lexsort((place % 2, which[order]))]
+    order = order[np.lexsort((place % 2, launch_number[order]))]
     return table[order], np.column_stack([begins, [*begins[1:], len(order)]]).astype(np.int32)

@@ -52,18 +52,20 @@ def records(
     """
     sweeper, source, order = final.sweeper, final.source, problem.settings.order
     moments = 1 if problem.settings.phase is None else MOMENTS
-    angular, known = sweeper.read(source.angular, moments), None
+    angular, source_gradient = sweeper.read(source.angular, moments), None
     if source.gradient is not None:
-        known = sweeper.read_gradient(source.gradient)
+        source_gradient = sweeper.read_gradient(source.gradient)
     if order is None and gradient is not None:
-        angular, known = _updated(problem, sweeper, angular, known, light=light, gradient=gradient)
-    if known is None and sweeper.gradients is not None:
-        known = sweeper.gradients(angular[: sweeper.components])
+        angular, source_gradient = _updated(
+            problem, sweeper, angular, source_gradient, light=light, gradient=gradient
+        )
+    if source_gradient is None and sweeper.gradients is not None:
+        source_gradient = sweeper.gradients(angular[: sweeper.components])
     return region.records(
         problem.medium,
         final.medium,
         angular,
-        known,
+        source_gradient,
         sweeper.linear_cells,
         path_depth=problem.settings.path_depth if order is None else None,
         tuning=problem.settings.tuning,
@@ -74,7 +76,7 @@ def _updated(
     problem: SweepProblem,
     sweeper: Sweeper,
     angular: Reals,
-    known: Reals | None,
+    source_gradient: Reals | None,
     *,
     light: Reals,
     gradient: Reals,
@@ -87,8 +89,8 @@ def _updated(
     if isotropic:
         source = angular = sweeper.albedo.astype(light.dtype) * light + sweeper.thermal
     updated = sweeper.read_gradient(sweeper.limited_gradient(gradient, source))
-    if not isotropic and known is not None:
+    if not isotropic and source_gradient is not None:
         depth = problem.medium.depth[problem.medium.address[sweeper.linear_cells]]
         # The radiance towards the camera does not give the gradients of thicker cells.
-        updated = np.where(depth < problem.settings.tuning.gradient_depth, updated, known)
+        updated = np.where(depth < problem.settings.tuning.gradient_depth, updated, source_gradient)
     return angular, updated

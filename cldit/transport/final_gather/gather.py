@@ -66,13 +66,17 @@ class Gather:
         """
         start = time.perf_counter()
         paths = self.sampler.paths(groups)
-        rays = np.cumsum([0, *(len(each.pixels) * each.across**2 for each in groups)])
+        rays = np.cumsum([0, *(len(group.pixels) * group.across**2 for group in groups)])
         chosen = []
-        for each, before in zip(groups, rays[:-1], strict=True):
-            near = np.argsort(self._tiles(each.pixels), kind="stable")  # they cross the same cells
-            chosen.append(ChosenRays(near, each.across, int(before), self._first(each)))
-        found = self.sampler.means(paths, chosen)
-        out = [self._refined(paths, *each) for each in zip(groups, chosen, found, strict=True)]
+        for group, offset in zip(groups, rays[:-1], strict=True):
+            # Pixels of a tile cross the same cells.
+            tile_order = np.argsort(self._tiles(group.pixels), kind="stable")
+            chosen.append(ChosenRays(tile_order, group.across, int(offset), self._first(group)))
+        round_means = self.sampler.means(paths, chosen)
+        out = [
+            self._refined(paths, *arguments)
+            for arguments in zip(groups, chosen, round_means, strict=True)
+        ]
         self.seconds += time.perf_counter() - start
         return out
 
@@ -92,19 +96,19 @@ class Gather:
         paths: list[GatherPaths],
         group: ThickPixels,
         first: ChosenRays,
-        found: tuple[Floats, float],
+        round_means: tuple[Floats, float],
     ) -> Floats:
-        """Means of a group by the rounds that follow the first, in which `found` was found."""
-        cells, wanted = self._image.cells, self._settings.accuracy_K
+        """Means of a group by the rounds that follow the first, which gave `round_means`."""
+        cells, accuracy_K = self._image.cells, self._settings.accuracy_K
         temperature = cells.temperature(self._image.scene, visible=self._settings.visible)
         half_as_bright = 0.5 * cells.hottest
-        pixels, seen, near, across = group.pixels, group.seen, first.pixels, group.across
-        count, most = len(pixels), self._settings.max_samples
+        pixels, seen, tile_order, across = group.pixels, group.seen, first.pixels, group.across
+        count, max_samples = len(pixels), self._settings.max_samples
         tuning = self._settings.tuning
         tiles = self._tiles(pixels)
-        before = self._image.view.on_background(pixels)
+        on_background = self._image.view.on_background(pixels)
         sums = np.empty((2, self.sampler.components, count))
-        sums[:, :, near], segments = first.samples * found[0], found[1]
+        sums[:, :, tile_order], segments = first.samples * round_means[0], round_means[1]
         samples = np.full(count, first.samples)  # of either half, in each of a pixel's rays
         while True:
             means = sums / samples
@@ -113,7 +117,7 @@ class Gather:
             # walls half as bright as the medium. As warm walls would hide errors of the weights,
             # since everything then looks alike; dark ones would ask for light that no image shows.
             before_own, before_bright = (
-                before
+                on_background
                 * np.nan_to_num(
                     temperature.error_K(seen + mean[:-1], difference[:-1], outside=outside)
                 )
@@ -121,15 +125,15 @@ class Gather:
             )
             error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
             energy = np.bincount(tiles, error_K**2).astype(np.float64)
-            counted = before & (1 - (seen + mean[:-1])[0] > temperature.visible)
-            visible = max(int(np.count_nonzero(counted)) + group.other, 1)
-            allowed = visible * (tuning.noise_share * wanted) ** 2
+            counted = on_background & (1 - (seen + mean[:-1])[0] > temperature.visible)
+            visible = max(int(np.count_nonzero(counted)) + group.other_visible, 1)
+            allowed = visible * (tuning.noise_share * accuracy_K) ** 2
             if energy.sum() <= allowed:
                 break
             size_of = np.bincount(tiles)
             had_of = np.bincount(tiles, samples) // size_of
             ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
-            limit = np.minimum(tuning.growth * samples, most // (2 * across**2))
+            limit = np.minimum(tuning.growth * samples, max_samples // (2 * across**2))
             longest = segments / samples.sum()  # mean number in a path of either half
             allowed_samples = (tuning.path_segments - self._spent) / max(longest, 1.0)
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
@@ -139,20 +143,23 @@ class Gather:
             if np.array_equal(wanted_of, samples) or paths_in_all > tuning.paths:
                 noise_K = float(np.sqrt(energy.sum() / visible))
                 self.short = (
-                    f"paths in thick cells: stopped at {most} samples per pixel, or in total "
-                    f"{tuning.paths:.0e} or {tuning.path_segments:.0e} scatterings, with a noise "
-                    f"of {noise_K:.2g} K RMS; "
-                    f"transport.accuracy_K: {wanted:g} needs {tuning.noise_share * wanted:.2g} K; "
+                    f"paths in thick cells: stopped at {max_samples} samples per pixel, or in "
+                    f"total {tuning.paths:.0e} or {tuning.path_segments:.0e} scatterings, with a "
+                    f"noise of {noise_K:.2g} K RMS; "
+                    f"transport.accuracy_K: {accuracy_K:g} needs "
+                    f"{tuning.noise_share * accuracy_K:.2g} K; "
                     "increase transport.max_samples or transport.accuracy_K"
                 )
                 break
             # Pixels with equal numbers of paths continue with the same points.
             for pair in np.unique((samples << 32 | wanted_of)[wanted_of > samples]):
                 had, goal = divmod(int(pair), 1 << 32)
-                mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
-                some = ChosenRays(mine, across, first.before, goal - had)
-                [(more, crossed)] = self.sampler.means(paths, [some], had)
-                sums[:, :, mine] += (goal - had) * more
+                continued = tile_order[
+                    (samples[tile_order] == had) & (wanted_of[tile_order] == goal)
+                ]
+                next_round = ChosenRays(continued, across, first.offset, goal - had)
+                [(added, crossed)] = self.sampler.means(paths, [next_round], had)
+                sums[:, :, continued] += (goal - had) * added
                 segments += crossed
             samples = wanted_of
         self._spent, self._rays = self._spent + segments, self._rays + count * across**2
@@ -161,12 +168,13 @@ class Gather:
 
     def affords(self, rays: int) -> bool:
         """True if the scatterings that an image may have suffice for so many more rays."""
-        most = self._settings.tuning.path_segments
-        enough = not self._rays or self._spent * (1 + rays / self._rays) <= most
+        max_scatterings = self._settings.tuning.path_segments
+        enough = not self._rays or self._spent * (1 + rays / self._rays) <= max_scatterings
         if not enough:
             self.short = self.short or (
-                f"paths in thick cells: no more rays for pixels, as an image may have {most:.0e} "
-                "scatterings; allowed: more camera.pixels, or a larger transport.accuracy_K"
+                "paths in thick cells: no more rays for pixels, as an image may have "
+                f"{max_scatterings:.0e} scatterings; allowed: more camera.pixels, or a larger "
+                "transport.accuracy_K"
             )
         return enough
 

@@ -12,7 +12,6 @@ from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
 from cldit.transport.cell_phases import class_shares
-from cldit.transport.coarse_light import CoarseLight
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import (
     NEAREST_SIDE,
@@ -38,21 +37,21 @@ _INTERVAL = 9  # values of an interval within a thick cell, as in gather.cl
 class ChosenRays:
     """Pixels that get more paths.
 
-    pixels: (N,) their numbers in a group of pixels, each with across^2 rays. before: rays of other
-    groups. samples: paths of a ray in either half.
+    pixels: (N,) their numbers in a group of pixels, each with across^2 rays. offset: rays of
+    earlier groups. samples: paths of a ray in either half.
     """
 
     pixels: Ints
     across: int
-    before: int
+    offset: int
     samples: int
 
     @property
     def table(self) -> NDArray[np.int32]:
         """Rays (N across^2, 2) and numbers of paths, as the kernel takes them."""
-        each = self.before + self.pixels[:, None] * self.across**2 + np.arange(self.across**2)
-        out = np.full((each.size, 2), self.samples, np.int32)
-        out[:, 0] = each.reshape(-1)
+        numbers = self.offset + self.pixels[:, None] * self.across**2 + np.arange(self.across**2)
+        out = np.full((numbers.size, 2), self.samples, np.int32)
+        out[:, 0] = numbers.reshape(-1)
         return out
 
 
@@ -74,7 +73,7 @@ class GatherPaths:
             first: number of the first low-discrepancy point.
             key: (2,) of the random generator, Philox.
         """
-        most = int(chosen[:, 1].max())
+        samples = int(chosen[:, 1].max())
         self.program.launch(
             "gather",
             (len(chosen), 2),
@@ -85,7 +84,7 @@ class GatherPaths:
                 "count": len(chosen),
                 "from_point": first,
                 "key": key,
-                "points": upload(self.device, "Sobol", points(first, most)),
+                "points": upload(self.device, "Sobol", points(first, samples)),
                 **self.arguments,
             },
         )
@@ -115,45 +114,38 @@ class PathSampler:
     def __init__(
         self,
         formal_solution: FormalSolution,
-        light: CoarseLight,
         thick: ThickRegion,
         ends: CellSources,
         settings: TraceSettings,
         flags: Mapping[str, Define] | None = None,
     ) -> None:
-        """Uploads the thick region of the light's cells and the stored radiance `ends` to every
-        device.
+        """Uploads the thick region and the stored radiance `ends` to every device.
 
         `flags` are further defines of the kernels.
         """
         directions, interfaces = ends.directions, ends.light
         self.solution, self.settings = formal_solution, settings
         self._device = formal_solution.parts[0].device
-        cells, large = formal_solution.cells, light.swept.cells
-        box, listed = large.box(), light.thick(thick)
-        assert listed is not None
+        cells = formal_solution.cells
+        box = cells.box()
         self._real = formal_solution.real
         self.components = len(cells.needs.components) + 1
         phase, tuning = settings.phase, settings.tuning
         table, steps = np.zeros(1), np.zeros(1)
         cutoff = settings.ending(cells, formal_solution.scene)
-        least = max(cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
+        least_transmission = max(cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
         segments, end_weight = tuning.segments, tuning.end_weight
         if thick.diffusive:
             # Sweeps do not have the diffusion limit in thick cells. So paths continue until hardly
             # any of their weight is left for the sweeps' sources.
-            least = cutoff
+            least_transmission = cutoff
             segments, end_weight = tuning.diffuse_segments, tuning.diffuse_end_weight
         defines: dict[str, Define] = {
-            **settings.defines(cells, formal_solution.view),
-            "CUTOFF": cutoff,
+            **settings.defines(cells),
             **(flags or {}),
-            "MIN_TRANSMISSION": float(least),
-            "MAX_SEGMENTS": segments,
-            "END_WEIGHT": f"R({end_weight})",
             "NEAREST_SIDE": NEAREST_SIDE,
         }
-        classes = class_shares(large, phase)
+        classes = class_shares(cells, phase)
         if classes is not None:
             defines["PHASE_CLASSES"] = len(classes) + 1
         if thick.diffusive or classes is not None:
@@ -161,12 +153,12 @@ class PathSampler:
         for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE", "BLURRED_BOUNDARY"):
             if flag in ends.program.defines:
                 defines[flag] = ends.program.defines[flag]
-        whole: dict[str, Floats] = {}
+        whole_depth: dict[str, Floats] = {}
         if "BLURRED_BOUNDARY" in defines:
-            depth = np.where(thick.address >= 0, large.depth[thick.address], 0.0)
-            whole["whole_depth"] = depth.astype(self._real)
+            depth = np.where(thick.address >= 0, cells.depth[thick.address], 0.0)
+            whole_depth["whole_depth"] = depth.astype(self._real)
         if phase is not None:
-            table = np.concatenate([one.to_sample() for one in phase.tables])
+            table = np.concatenate([scattering.to_sample() for scattering in phase.tables])
             steps = phase.by_half_sine(PHASE_STEPS)
             defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
         real, linear = self._real, settings.linear_coefficients
@@ -175,7 +167,7 @@ class PathSampler:
         drawn = Ordinates(directions.unit[order], directions.weight[order])
         shared = self._cumulative(drawn, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
-        near = nearest(directions)
+        nearest_table = nearest(directions)
         size = interfaces.interfaces * interfaces.directions * interfaces.components
         self.programs = [
             build(
@@ -195,39 +187,45 @@ class PathSampler:
         self._traversals: list[dict[str, Any]] = []
         self._fixed: list[dict[str, Any]] = []
         for part in formal_solution.parts:
-            one, stored = part.device, interfaces.buffer
-            if one is not self._device:
+            device, stored = part.device, interfaces.buffer
+            if device is not self._device:
                 host = download(self._device, interfaces.buffer, np.empty(size, real))
-                stored = upload(one, "interface radiance", host)
+                stored = upload(device, "interface radiance", host)
             self._traversals.append(
                 {
-                    "albedo": thick_albedo(one, cells, listed, real, linear=linear),
-                    **upload_tree(one, cells, real, linear=linear),
-                    **view.geometry(one, cells, real),
+                    "albedo": thick_albedo(device, cells, thick.listed, real, linear=linear),
+                    **upload_tree(device, cells, real, linear=linear),
+                    **view.geometry(device, cells, real),
+                    "cutoff": cutoff,
                 }
             )
             start = np.minimum(starts, len(shared) - 1).astype(np.int32)
             self._fixed.append(
                 {
-                    "table": upload(one, "phase function", table.astype(real)),
-                    "places": upload(one, "places", thick.places),
-                    "at": upload(one, "cells' places", at),
-                    "beside": upload(one, "faces", thick.beside),
-                    "region_depth": upload(one, "thick cells", ends.depth.astype(real)),
-                    "cells": upload(one, "thick cells", records),
-                    "start": upload(one, "directions", start),
-                    "nearest": upload(one, "directions", near),
+                    "table": upload(device, "phase function", table.astype(real)),
+                    "places": upload(device, "places", thick.places),
+                    "at": upload(device, "cells' places", at),
+                    "beside": upload(device, "faces", thick.beside),
+                    "region_depth": upload(device, "thick cells", ends.depth.astype(real)),
+                    "cells": upload(device, "thick cells", records),
+                    "start": upload(device, "directions", start),
+                    "nearest": upload(device, "directions", nearest_table),
                     "box_low": np.array([*(box.low + thick.low), 0], np.int32),
                     "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
                     "light": stored,
-                    "directions": upload(one, "directions", shared),
-                    "number_of": upload(one, "directions", order),
+                    "directions": upload(device, "directions", shared),
+                    "number_of": upload(device, "directions", order),
                     "direction_count": len(directions),
-                    "fold": light.fold,
-                    "by_half_sine": upload(one, "phase function", steps.astype(real)),
-                    **_classes(one, classes, thick),
-                    **{name: upload(one, "optical depth", all_) for name, all_ in whole.items()},
-                    **view.lines_of_sight(one, real),
+                    "most_segments": segments,
+                    "end_weight": end_weight,
+                    "least_transmission": least_transmission,
+                    "by_half_sine": upload(device, "phase function", steps.astype(real)),
+                    **_classes(device, classes, thick),
+                    **{
+                        name: upload(device, "optical depth", depths)
+                        for name, depths in whole_depth.items()
+                    },
+                    **view.lines_of_sight(device, real),
                 }
             )
         self.diffusive = thick.diffusive
@@ -242,18 +240,18 @@ class PathSampler:
 
     def paths(self, groups: Sequence[ThickPixels]) -> list[GatherPaths]:
         """Paths from the thick cells on the rays of all groups of pixels, for each device."""
-        every = [self._rays(each.pixels, each.across) for each in groups]
-        rays, numbers = (np.concatenate(each) for each in zip(*every, strict=True))
+        ray_sets = [self._rays(group.pixels, group.across) for group in groups]
+        rays, numbers = (np.concatenate(arrays) for arrays in zip(*ray_sets, strict=True))
         out = []
         for part, program, traversal, fixed in zip(
             self.solution.parts, self.programs, self._traversals, self._fixed, strict=True
         ):
-            one, count = part.device, len(rays)
+            device, count = part.device, len(rays)
             group = min(_GROUP, program.largest_group("thick_intervals"))
-            listed = upload(one, "rays", rays.astype(self._real))
-            counts = zeros(one, "intervals", count, np.int32)
+            listed = upload(device, "rays", rays.astype(self._real))
+            counts = zeros(device, "intervals", count, np.int32)
             # Neither is read until the number of intervals is known.
-            intervals, first = unset(one, "intervals", 1, self._real), counts
+            intervals, first = unset(device, "intervals", 1, self._real), counts
             for fill in (0, 1):
                 program.launch(
                     "thick_intervals",
@@ -270,17 +268,17 @@ class PathSampler:
                     },
                 )
                 if not fill:
-                    ends = np.cumsum(download(one, counts, np.empty(count, np.int32)))
-                    first = upload(one, "intervals", np.array([0, *ends], np.int32))
-                    intervals = zeros(one, "intervals", _INTERVAL * int(ends[-1]), self._real)
+                    ends = np.cumsum(download(device, counts, np.empty(count, np.int32)))
+                    first = upload(device, "intervals", np.array([0, *ends], np.int32))
+                    intervals = zeros(device, "intervals", _INTERVAL * int(ends[-1]), self._real)
             arguments = {
                 "list": listed,
-                "numbers": upload(one, "rays", numbers.astype(np.uint32)),
+                "numbers": upload(device, "rays", numbers.astype(np.uint32)),
                 "first": first,
                 "intervals": intervals,
                 **fixed,
             }
-            out.append(GatherPaths(one, program, arguments))
+            out.append(GatherPaths(device, program, arguments))
         return out
 
     def _rays(self, pixels: Ints, across: int) -> tuple[Floats, Ints]:
@@ -300,27 +298,29 @@ class PathSampler:
             chosen: the rays of each result.
             first: as in `GatherPaths.launch`.
         """
-        rays = np.concatenate([each.table for each in chosen])
+        rays = np.concatenate([chosen_rays.table for chosen_rays in chosen])
         key = np.array([self.settings.seed, 0], np.uint32)
         outs, planes = [], 2 * (self.components + 1)
-        for each, (_, mine) in zip(paths, shares(self._device, len(rays)), strict=True):
-            out = zeros(each.device, "means", planes * len(mine), self._real)
-            if mine:
-                each.launch(rays[mine.start : mine.stop], first, key, out)
-            outs.append((each.device, out, len(mine)))
-        found = [
+        for device_paths, (_, portion) in zip(paths, shares(self._device, len(rays)), strict=True):
+            out = zeros(device_paths.device, "means", planes * len(portion), self._real)
+            if portion:
+                device_paths.launch(rays[portion.start : portion.stop], first, key, out)
+            outs.append((device_paths.device, out, len(portion)))
+        device_means = [
             download(device, out, np.empty((planes, count), self._real))
             for device, out, count in outs
             if count
         ]
-        whole = np.concatenate(found, axis=1).reshape(2, self.components + 1, -1)
-        ends = np.cumsum([len(each.table) for each in chosen])
+        ray_means = np.concatenate(device_means, axis=1).reshape(2, self.components + 1, -1)
+        ends = np.cumsum([len(chosen_rays.table) for chosen_rays in chosen])
         return [
             (
                 part[:, :-1]
-                .reshape(2, self.components, len(some.pixels), -1)
+                .reshape(2, self.components, len(chosen_part.pixels), -1)
                 .mean(axis=3, dtype=np.float64),
                 float(part[:, -1].sum(dtype=np.float64)),
             )
-            for some, part in zip(chosen, np.split(whole, ends[:-1], axis=2), strict=True)
+            for chosen_part, part in zip(
+                chosen, np.split(ray_means, ends[:-1], axis=2), strict=True
+            )
         ]

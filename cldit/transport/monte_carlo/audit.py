@@ -29,38 +29,38 @@ from cldit.transport.result import Audit, Trace, TraceInput
 _BY_PATHS = 0.5  # share of the paths' noise in the audit's variance; below it, pixels dominate
 
 
-def audited(given: TraceInput, result: Trace, sample: PixelSample | None = None) -> Trace:
+def audited(trace_input: TraceInput, result: Trace, sample: PixelSample | None = None) -> Trace:
     """Result of a trace by `source` with its `audit`, or with the reason for none in `unaudited`.
 
     `sample` are the pixels to trace; None: they are drawn here.
     """
-    cells, settings = given.cells, given.settings
+    cells, settings = trace_input.cells, trace_input.settings
     if not cells.needs.scattering or settings.order == 0:
         return result  # exact
     often = scatterings(cells, settings.order)
     tuning = settings.tuning
     if not settings.audit:
         return replace(result, unaudited="no audit by path tracing (transport.audit: false)")
-    most = tuning.audit_scatterings / (often * tuning.audit_samples_least)
-    if most < tuning.audit_pixels_least:
+    affordable = tuning.audit_scatterings / (often * tuning.audit_samples_least)
+    if affordable < tuning.audit_pixels_least:
         return replace(
             result,
             unaudited=f"no audit by path tracing (light is scattered up to {often:.3g} times)",
         )
     weights = result.weights if result.middle is None else result.middle
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
-    visible = given.view.has_temperature(emissivity, np.arange(len(emissivity)))
-    few = int(min(tuning.audit_pixels, most))
+    visible = trace_input.view.has_temperature(emissivity, np.arange(len(emissivity)))
+    drawn_count = int(min(tuning.audit_pixels, affordable))
 
     def draw(scattered: Floats) -> PixelSample:
         if sample is not None:
             return sample
-        here = visible & (scattered > 0)
-        share = np.divide(scattered, emissivity, out=np.zeros_like(scattered), where=here) ** 3
-        share[here] += tuning.audit_even * share[here].mean() if here.any() else 0.0
-        return PixelSample.of(share, most=few, seed=settings.seed)
+        eligible = visible & (scattered > 0)
+        share = np.divide(scattered, emissivity, out=np.zeros_like(scattered), where=eligible) ** 3
+        share[eligible] += tuning.audit_even * share[eligible].mean() if eligible.any() else 0.0
+        return PixelSample.of(share, size=drawn_count, seed=settings.seed)
 
-    drawn = min(few, max(int(np.count_nonzero(visible)), 1))
+    drawn = min(drawn_count, max(int(np.count_nonzero(visible)), 1))
     samples = int(
         np.clip(
             tuning.audit_scatterings / (often * drawn),
@@ -68,16 +68,16 @@ def audited(given: TraceInput, result: Trace, sample: PixelSample | None = None)
             tuning.audit_samples_most,
         )
     )
-    mine, temperature = _planes(weights, cells), given.temperature
+    image_planes, temperature = _planes(weights, cells), trace_input.temperature
 
     def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
         """True if the audit is precise enough, or more paths would not improve it."""
 
         def error_K(error: Floats) -> Floats:
-            known = mine[:, drawn.pixels]
-            return np.nan_to_num(temperature.error_K(known, error))
+            drawn_planes = image_planes[:, drawn.pixels]
+            return np.nan_to_num(temperature.error_K(drawn_planes, error))
 
-        differences = mine[:, drawn.pixels] - means
+        differences = image_planes[:, drawn.pixels] - means
         count = max(int(np.count_nonzero(visible)), 1)
         halves = error_K(differences - spread), error_K(differences + spread)
         square, doubt = drawn.mean_square(*halves, count=count)
@@ -89,7 +89,7 @@ def audited(given: TraceInput, result: Trace, sample: PixelSample | None = None)
         return drawn.by_noise(*halves) <= _BY_PATHS
 
     sparse = replace(settings, max_samples=samples, whole_pixels=False, seed=settings.seed + 1)
-    truth = trace_path(replace(given, settings=sparse), None, draw=draw, enough=enough)
+    truth = trace_path(replace(trace_input, settings=sparse), None, draw=draw, enough=enough)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
     if truth.pixel_sample is None or truth.weights_difference is None:
         return result
@@ -100,7 +100,7 @@ def audited(given: TraceInput, result: Trace, sample: PixelSample | None = None)
 
     def error(sign: float) -> Weights:
         flat = ((name, image.reshape(1, -1)[:, places]) for name, image in weights.images.items())
-        return Weights.of({name: one - means[name] - sign * spread[name] for name, one in flat})
+        return Weights.of({name: plane - means[name] - sign * spread[name] for name, plane in flat})
 
     return replace(
         result,
@@ -118,8 +118,8 @@ def scatterings(cells: OpticalCells, order: int | None) -> float:
     """
     depth = cells.dense(cells.box(), cells.depth)
     across = 2.0 * min(float(depth.sum(axis=axis).max()) for axis in range(3))
-    most = np.inf if order is None else float(order)
-    return max(1.0, min(most, 1.0 / max(float(cells.coalbedo.min()), 1e-300), across))
+    order_limit = np.inf if order is None else float(order)
+    return max(1.0, min(order_limit, 1.0 / max(float(cells.coalbedo.min()), 1e-300), across))
 
 
 def _planes(weights: Weights, cells: OpticalCells) -> Floats:

@@ -115,7 +115,7 @@ def _balanced(mean: Floats, difference: Floats, boundaries: int) -> tuple[Floats
 
 
 def trace_path(
-    given: TraceInput,
+    trace_input: TraceInput,
     report: Callable[[str], None] | None,
     *,
     draw: Callable[[Floats], PixelSample] | None = None,
@@ -128,38 +128,43 @@ def trace_path(
     true, in place of the noise; receives the drawn pixels, their weights (C, N), and half the
     difference of two halves of the samples.
     """
-    cells, view, device, settings = given.cells, given.view, given.device, given.settings
-    given.check_boundary()
+    cells, view = trace_input.cells, trace_input.view
+    device, settings = trace_input.device, trace_input.settings
+    trace_input.check_boundary()
     real = settings.real
     defines: dict[str, Define] = {
-        **given.defines,
-        "CUTOFF": replace(settings, cutoff=None).ending(cells, given.scene),
+        **trace_input.defines,
         "ROULETTE": f"R({settings.tuning.path_roulette})",
         "SAMPLES": SAMPLES,
         "SCATTERINGS": settings.tuning.path_scatterings,
     }
-    if settings.whole_pixels:
-        defines["WHOLE_PIXELS"] = 1
-    if settings.order is not None:
-        defines["ORDER"] = settings.order
     table = np.zeros(1, real)
     if settings.phase is not None:
         defines["PHASE_BINS"] = settings.phase.bins
         tables = settings.phase.tables
-        table = np.concatenate([one.to_sample() for one in tables]).astype(real)
+        table = np.concatenate([scattering.to_sample() for scattering in tables]).astype(real)
         if len(tables) > 1:
             defines["PHASE_CLASSES"] = len(tables)
     classes = class_shares(cells, settings.phase)
-    programs = [build(one, "path.cl", defines) for one in (device, *device.others)]
+    programs = [build(member, "path.cl", defines) for member in (device, *device.others)]
     start = time.perf_counter()
     components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
 
-    def medium(one: Device) -> dict[str, Any]:
-        shared = {} if classes is None else {"shares": upload(one, "size classes", classes)}
-        whole = upload_medium(one, cells, view, real, linear=settings.linear_coefficients)
-        return {**whole, **shared}
+    cutoff, order = replace(settings, cutoff=None).ending(cells, trace_input.scene), settings.order
+
+    def medium(member: Device) -> dict[str, Any]:
+        shared = {} if classes is None else {"shares": upload(member, "size classes", classes)}
+        arguments_of_medium = upload_medium(
+            member, cells, view, real, linear=settings.linear_coefficients
+        )
+        return {
+            **arguments_of_medium,
+            **shared,
+            "cutoff": cutoff,
+            "order": -1 if order is None else order,
+        }
 
     first = medium(device)
     listed, shape = np.arange(pixels), (components, row_count, column_count)
@@ -177,24 +182,25 @@ def trace_path(
     count = len(listed)
     tracers = [
         _PathTracer.of(
-            one,
+            member,
             program,
-            pixels=listed[mine.start : mine.stop].astype(np.int32),
+            pixels=listed[portion.start : portion.stop].astype(np.int32),
             real=real,
             fixed={
-                "table": upload(one, "phase function", table),
-                "sobol_columns": upload(one, "Sobol", columns()),
-                **(first if one is device else medium(one)),
+                "table": upload(member, "phase function", table),
+                "sobol_columns": upload(member, "Sobol", columns()),
+                "whole_pixels": int(settings.whole_pixels),
+                **(first if member is device else medium(member)),
             },
             components=components,
         )
-        for program, (one, mine) in zip(programs, shares(device, count), strict=True)
-        if mine
+        for program, (member, portion) in zip(programs, shares(device, count), strict=True)
+        if portion
     ]
-    before, boundaries = view.on_background(listed), cells.needs.boundaries
+    on_background, boundaries = view.on_background(listed), cells.needs.boundaries
     even, odd = np.zeros((2, components, count))
     sums, ended = _BatchSums((even, odd)), 0
-    temperature = given.temperature
+    temperature = trace_input.temperature
     while count:
         for tracer in tracers:
             tracer.launch(settings.seed, sums.batches)
@@ -205,11 +211,11 @@ def trace_path(
             sums.add(means[:-1])
             ended += int(means[-1].sum())
         if pixel_sample is not None and enough is not None:
-            found, apart = _balanced(sums.mean, sums.difference, boundaries)
-            done = enough(pixel_sample, found[:-1], apart[:-1])
+            balanced_mean, difference_of_halves = _balanced(sums.mean, sums.difference, boundaries)
+            done = enough(pixel_sample, balanced_mean[:-1], difference_of_halves[:-1])
         else:
             error_K = temperature.error_K(sums.mean[:-1], sums.difference[:-1])
-            error_K = error_K[np.isfinite(error_K) & before]
+            error_K = error_K[np.isfinite(error_K) & on_background]
             error = float(np.sqrt(np.sum(error_K**2) / max(len(error_K), 1)))
             done = error <= settings.accuracy_K and sums.batches >= settings.tuning.batches
             if report is not None:
@@ -220,9 +226,9 @@ def trace_path(
     image, difference, closure = np.zeros((components, count)), np.zeros((components, count)), None
     paths, short = count * sums.batches * SAMPLES, ""
     if ended:
-        most = settings.tuning.path_scatterings
+        limit = settings.tuning.path_scatterings
         short = (
-            f"path tracing: {ended} of {paths} paths ended after {most} scatterings, as if they "
+            f"path tracing: {ended} of {paths} paths ended after {limit} scatterings, as if they "
             "saw the wall; allowed: a medium that absorbs more, or transport.method: source"
         )
     if count:  # else no pixel was drawn

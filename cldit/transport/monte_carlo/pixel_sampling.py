@@ -27,20 +27,20 @@ class PixelSample:
     chance: Floats
 
     @classmethod
-    def of(cls, importance: Floats, *, most: int, seed: int) -> "PixelSample":
+    def of(cls, importance: Floats, *, size: int, seed: int) -> "PixelSample":
         """Systematic sampling with probabilities proportional to importance (P,), up to 1.
 
         Pixels are drawn at equal steps of the cumulative probability from a random start, so that
-        neighbours, which are similar, are seldom drawn together. About `most` are drawn, or all of
+        neighbours, which are similar, are seldom drawn together. About `size` are drawn, or all of
         importance above 0 if there are no more.
         """
         listed = np.flatnonzero(importance > 0)
         weight = importance[listed].astype(np.float64)
-        sure = np.full(len(listed), len(listed) <= most)
+        sure = np.full(len(listed), len(listed) <= size)
         chance = np.ones(len(listed))
         while not sure.all():
-            left = most - np.count_nonzero(sure)
-            chance[~sure] = left * weight[~sure] / weight[~sure].sum()
+            remaining = size - np.count_nonzero(sure)
+            chance[~sure] = remaining * weight[~sure] / weight[~sure].sum()
             if not np.any(chance > 1.0):
                 break
             sure |= chance > 1.0
@@ -63,34 +63,35 @@ class PixelSample:
         missed = float(np.sum(free * (scaled - middle) ** 2)) * count / max(count - 1, 1)
         return float(scaled.sum()), (missed + float(np.sum(variance / self.chance))) ** 0.5
 
-    def mean_square(self, one: Floats, other: Floats, *, count: int) -> tuple[float, float]:
+    def mean_square(self, error_1: Floats, error_2: Floats, *, count: int) -> tuple[float, float]:
         """Unbiased estimate of the mean square of an error over `count` pixels of an image.
 
-        `one` and `other` (N,) are estimates of the error with independent noise, 0 where it does
-        not count. Noise may make the mean square negative. The second result is its standard error.
+        `error_1` and `error_2` (N,) are estimates of the error with independent noise, 0 where it
+        does not count. Noise may make the mean square negative. The second result is its standard
+        error.
         """
-        total, doubt = self.total(one * other, _of_product(one, other))
+        total, doubt = self.total(error_1 * error_2, _of_product(error_1, error_2))
         return total / count, doubt / count
 
     def pick(self, image: NDArray[Any]) -> NDArray[Any]:
         """Pixels of the sample (1, N) in an image (H, W)."""
         return image.reshape(1, -1)[:, self.pixels]
 
-    def by_noise(self, one: Floats, other: Floats) -> float:
+    def by_noise(self, error_1: Floats, error_2: Floats) -> float:
         """Share, 0 to 1, of the variance of `mean_square` due to the noise of the estimates.
 
         The rest is due to the choice of the pixels. The noise of a drawn pixel contributes to the
         sum over all with the square of 1 / chance.
         """
-        variance = _of_product(one, other)
-        doubt = self.total(one * other, variance)[1]
+        variance = _of_product(error_1, error_2)
+        doubt = self.total(error_1 * error_2, variance)[1]
         noise = float(np.sum(variance / self.chance**2))
         return min(noise / doubt**2, 1.0) if doubt > 0.0 else 0.0
 
 
-def _of_product(one: Floats, other: Floats) -> Floats:
+def _of_product(value_1: Floats, value_2: Floats) -> Floats:
     """Estimate of the variance of the product of two numbers with the same mean and noise."""
-    return (one**2 - other**2) ** 2 / 4
+    return (value_1**2 - value_2**2) ** 2 / 4
 
 
 def sampled_square(
@@ -107,19 +108,23 @@ def sampled_square(
         counted: (H, W) pixels with a T_app.
     """
     out = np.full(counted.shape, np.nan)
-    here, inside = np.flatnonzero(counted), counted.ravel()[sample.pixels]
+    counted_pixels, inside = np.flatnonzero(counted), counted.ravel()[sample.pixels]
     if not inside.any():
         return out
     place = np.argwhere(counted) / max(counted.shape)
     values = [feature[counted] for feature in features]
-    ranks = [np.searchsorted(np.sort(one), one) / len(here) for one in values]
+    ranks = [
+        np.searchsorted(np.sort(feature_values), feature_values) / len(counted_pixels)
+        for feature_values in values
+    ]
     points = np.column_stack([place, *ranks])
-    known = points[np.searchsorted(here, sample.pixels[inside])]
-    count = min(_ALIKE, len(known))
-    near = scipy.spatial.cKDTree(known).query(points, count)[1].reshape(len(points), count)
-    alike = square[inside][near]
+    measured_points = points[np.searchsorted(counted_pixels, sample.pixels[inside])]
+    count = min(_ALIKE, len(measured_points))
+    tree = scipy.spatial.cKDTree(measured_points)
+    nearest = tree.query(points, count)[1].reshape(len(points), count)
+    alike = square[inside][nearest]
     # A standard error is added, as to the sum over the image.
     doubt = alike.std(axis=1) / max(count - 1, 1) ** 0.5
-    found = np.maximum(alike.mean(axis=1) + doubt, 0.0)
-    out[counted] = (1.0 - _EVEN) * found + _EVEN * found.mean()
+    smoothed = np.maximum(alike.mean(axis=1) + doubt, 0.0)
+    out[counted] = (1.0 - _EVEN) * smoothed + _EVEN * smoothed.mean()
     return out

@@ -111,7 +111,7 @@ def test_a_pixel_that_is_clear_in_one_image_has_an_error_of_emissivity() -> None
 def drawn_of(seed: int) -> DrawnPixels:
     """A third of the pixels, those on the left with twice the chance of the others."""
     importance = np.where(np.arange(EDGE) < EDGE // 2, 2.0, 1.0) * np.ones((EDGE, 1))
-    return DrawnPixels((EDGE, EDGE), PixelSample.of(importance.ravel(), most=1200, seed=seed))
+    return DrawnPixels((EDGE, EDGE), PixelSample.of(importance.ravel(), size=1200, seed=seed))
 
 
 @pytest.mark.parametrize("noise_K", [0.0, 2.0])

@@ -24,7 +24,7 @@ def test_few_pixels_are_beyond_three_standard_errors(
     counted = (ACROSS - 0.5) ** 2 + (DOWN - 0.5) ** 2 < 0.2
     error_K = size_K * rng.standard_normal((COUNT, COUNT))
     importance = np.where(counted, size_K**2 + 0.1 * np.mean(size_K**2), 0.0)
-    sample = PixelSample.of(importance.ravel(), most=round(share * counted.sum()), seed=1)
+    sample = PixelSample.of(importance.ravel(), size=round(share * counted.sum()), seed=1)
     true = error_K.ravel()[sample.pixels]
     one, other = (
         true + sign * noise * size_K.ravel()[sample.pixels] * rng.standard_normal(len(true))
@@ -45,7 +45,7 @@ def test_a_bias_is_where_it_was_measured() -> None:
     """Of 18 K in a corner, and none elsewhere, which both halves of an image share."""
     corner = (ACROSS > 0.6) & (DOWN > 0.6)
     counted = np.ones((COUNT, COUNT), bool)
-    sample = PixelSample.of(np.ones(COUNT**2), most=400, seed=2)
+    sample = PixelSample.of(np.ones(COUNT**2), size=400, seed=2)
     measured = np.where(corner, -18.0, 0.0).ravel()[sample.pixels]
     square = sampled_square(sample, measured**2, (corner.astype(float),), counted)
     assert np.all(18.0 < 3.0 * np.sqrt(square[corner]))

@@ -32,7 +32,7 @@ def test_unbiased_and_knows_its_error(importance: np.ndarray) -> None:
     noise = 0.3 * importance
     totals, errors = [], []
     for seed in range(MANY):
-        drawn = PixelSample.of(importance, most=200, seed=seed)
+        drawn = PixelSample.of(importance, size=200, seed=seed)
         # The seeds of what is drawn and of its noise are apart, as in the audit.
         noisy = values + noise * np.random.default_rng(10_000 + seed).standard_normal(3000)
         total, error = drawn.total(noisy[drawn.pixels], noise[drawn.pixels] ** 2)
@@ -49,7 +49,7 @@ def test_chances_are_kept(importance: np.ndarray) -> None:
     often = np.zeros(3000)
     chance = np.zeros(3000)
     for seed in range(MANY):
-        drawn = PixelSample.of(importance, most=200, seed=seed)
+        drawn = PixelSample.of(importance, size=200, seed=seed)
         assert abs(len(drawn.pixels) - 200) <= 1
         often[drawn.pixels] += 1
         chance[drawn.pixels] = drawn.chance
@@ -69,7 +69,7 @@ def test_chances_are_kept(importance: np.ndarray) -> None:
 def test_few_are_all_drawn(count: int) -> None:
     """The sum is then exact but for the noise, and so is its error."""
     importance = np.concatenate([np.zeros(5), np.geomspace(1e-9, 1e9, count)])
-    drawn = PixelSample.of(importance, most=200, seed=3)
+    drawn = PixelSample.of(importance, size=200, seed=3)
     np.testing.assert_array_equal(drawn.pixels, np.arange(5, 5 + count))
     assert np.all(drawn.chance == 1.0)
     total, error = drawn.total(np.arange(count, dtype=float), np.full(count, 4.0))
@@ -81,7 +81,7 @@ def test_one_pixel_far_above_all_others() -> None:
     """It is drawn for sure; the others share what is left evenly."""
     importance = np.ones(1000)
     importance[400] = 1e12
-    drawn = PixelSample.of(importance, most=11, seed=4)
+    drawn = PixelSample.of(importance, size=11, seed=4)
     assert drawn.chance[drawn.pixels == 400] == 1.0
     others = drawn.chance[drawn.pixels != 400]
     assert len(others) == 10
@@ -98,7 +98,7 @@ def test_what_noise_makes_of_the_doubt(importance: np.ndarray) -> None:
     A variance of 1000 draws is good to (2 / 1000)^(1/2), four of which are allowed.
     """
     draws, rng = 1000, np.random.default_rng(5)
-    drawn = PixelSample.of(importance, most=200, seed=6)
+    drawn = PixelSample.of(importance, size=200, seed=6)
     error = np.sqrt(importance[drawn.pixels]) * rng.gamma(2.0, 1.0, len(drawn.pixels))
     squares, told = [], []
     for _ in range(draws):

@@ -84,7 +84,6 @@ def test_share_of_the_cone() -> None:
         high=np.full(3, 2.0),
         disc_centre=np.array([1.0, 101.0, 1.0]),
         disc_radius=radius,
-        enclosure=False,
     )
     solid = (1 - np.cos(np.arctan2(radius + 2**0.5, 100.0))) / 2
     inside = np.arange(1, count)

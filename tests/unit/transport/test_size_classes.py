@@ -60,7 +60,7 @@ def test_two_sizes_in_two_places(place: Floats) -> None:
     diameter = np.where(place[:, 2] > 0, 18e-6, 2e-6)
     phase = classes_of(place, diameter)
     assert phase.classes is not None
-    assert len(phase.tables) == 2 and phase.classes.left < 1e-9
+    assert len(phase.tables) == 2 and phase.classes.unresolved < 1e-9
     np.testing.assert_array_equal(phase.classes.number(diameter), diameter > 1e-5)
     small, large = (table.asymmetry for table in phase.tables)
     share = np.mean(diameter > 1e-5)
@@ -78,7 +78,7 @@ def test_as_few_classes_as_are_tolerated(place: Floats) -> None:
         phase = classes_of(place, diameter, tolerated=tolerated)
         assert phase.classes is not None
         counts.append(len(phase.tables))
-        left.append(phase.classes.left)
+        left.append(phase.classes.unresolved)
         assert left[-1] <= tolerated or counts[-1] == MOST_CLASSES
     assert counts == sorted(counts) and left == sorted(left, reverse=True)
     assert 2 <= counts[0] < counts[-1]
