@@ -33,25 +33,25 @@ def in_band(scene: Scene, optics: Scene) -> Scene:
     return scene.model_copy(update={"optics": optics.optics, "transport": transport})
 
 
-def check_rivals(one: Scene, other: Scene) -> None:
+def check_rivals(scene: Scene, rival_scene: Scene) -> None:
     """Raises EvaluationError if the sensors of two scenes see different places."""
-    first, second = (SensorView.from_scene(scene) for scene in (one, other))
+    view, rival_view = (SensorView.from_scene(seen) for seen in (scene, rival_scene))
     for key, name in (
         ("field_m", "camera.field_m"),
         ("centre_m", "camera.target_m"),
         ("pixels", "camera.sensor.pixels"),
     ):
-        values = getattr(first, key), getattr(second, key)
+        values = getattr(view, key), getattr(rival_view, key)
         if values[0] != values[1]:
             raise EvaluationError(
-                f"{name}: {values[0]} in {one.name}, {values[1]} in {other.name}; allowed: scenes "
-                "whose sensors see the same places, with any other keys"
+                f"{name}: {values[0]} in {scene.name}, {values[1]} in {rival_scene.name}; "
+                "allowed: scenes whose sensors see the same places, with any other keys"
             )
 
 
 def rivals_of(
-    one: Run,
-    other: Run,
+    model: Run,
+    rival: Run,
     trace: Trace,
     *,
     band: str = "",
@@ -63,39 +63,44 @@ def rivals_of(
     `trace` makes, of the first one, a run with another value of each unknown, some with drawn
     values of all of them and, if it states no error, one with wider cells.
     """
-    scene, count = nominal(one.scene), members_of(one.scene)
-    base, members = one, list[Run]()
+    scene, count = nominal(model.scene), members_of(model.scene)
+    base, members = model, list[Run]()
     if count > 1:
-        assert one.folder is not None
-        base = open_run(one.folder / NOMINAL)
-        members = [open_run(member_folder(one.folder, n + 1)) for n in range(count)]
-    draws = drawn(one.scene, unknowns, _DRAWS, seed=1)
+        assert model.folder is not None
+        base = open_run(model.folder / NOMINAL)
+        members = [open_run(member_folder(model.folder, n + 1)) for n in range(count)]
+    draws = drawn(model.scene, unknowns, _DRAWS, seed=1)
     subject = Subject.of(
-        one.scene, one.quadrature, one.spectral, one.reference, least_emissivity=least_emissivity
+        model.scene,
+        model.quadrature,
+        model.spectral,
+        model.reference,
+        least_emissivity=least_emissivity,
     )
 
     def seen(run: Run) -> Subject:
         return subject.of_model(run.scene, run.quadrature, run.spectral, run.reference)
 
-    view = SensorView.from_scene(one.scene)
+    view = SensorView.from_scene(model.scene)
     errors = {
         name: np.array([view.image(image).reshape(-1)[subject.places] for image in images])
-        for name, images in _errors(one).items()
+        for name, images in _errors(model).items()
     }
     wider = coarsened(scene, 2.0)
     return Rivals(
-        scene=one.scene,
+        scene=model.scene,
         model=subject,
-        rival=seen(other),
+        rival=seen(rival),
         about=seen(base),
         unknowns={
-            each.key: seen(trace(scene.with_(**each.values(1.0)), base)) for each in unknowns
+            unknown.key: seen(trace(scene.with_(**unknown.values(1.0)), base))
+            for unknown in unknowns
         },
         draws=[(sizes, seen(trace(of, base))) for sizes, of in draws],
         members=[seen(run) for run in members],
         coarser=[seen(trace(wider, None))] if not errors and wider != scene else [],
         errors=errors,
-        delay_s=spray_time_s(one.scene),
+        delay_s=spray_time_s(model.scene),
         band=band,
     )
 
@@ -113,10 +118,10 @@ def drawn(
     for number in range(count if varied or unknowns else 0):
         sizes = rng.standard_normal(len(unknowns))
         values: dict[str, float] = {"spray.scatter.seed": int(rng.integers(2**31))}
-        for one, size in zip(unknowns, sizes, strict=True):
-            values |= one.values(float(size))
-        other = scene.with_(**values)
-        scenes.append((sizes, member(other, number + 1) if varied else nominal(other)))
+        for unknown, size in zip(unknowns, sizes, strict=True):
+            values |= unknown.values(float(size))
+        sample = scene.with_(**values)
+        scenes.append((sizes, member(sample, number + 1) if varied else nominal(sample)))
     return scenes
 
 
@@ -125,7 +130,7 @@ def _errors(run: Run) -> dict[str, tuple[Floats, Floats]]:
 
     Omitted physics is the models' own, and the scatter of injections is counted as such.
     """
-    found: dict[str, tuple[Floats, Floats]] = {}
+    errors: dict[str, tuple[Floats, Floats]] = {}
     for cause in () if run.errors is None else run.errors.causes:
         if cause.error_K is None or cause.shared_by == OMISSION:
             continue
@@ -137,5 +142,5 @@ def _errors(run: Run) -> dict[str, tuple[Floats, Floats]]:
             cause.name, np.full(shape, cause.emissivity or 0.0, np.float32)
         )
         kelvin, emissivity = (np.nan_to_num(image).astype(float) for image in (of_K, of_e))
-        found[f"{cause.name} of the simulation"] = kelvin, emissivity
-    return found
+        errors[f"{cause.name} of the simulation"] = kelvin, emissivity
+    return errors

@@ -73,14 +73,14 @@ def unknowns_of(
 ) -> tuple[Unknown, ...]:
     """Unknowns of a mapping or YAML file, `KEY: DEVIATION`; of `DEFAULT`, those the scene has."""
     named = "" if isinstance(data, Mapping) else f"{data}: "
-    given = data if isinstance(data, Mapping) else read_mapping(Path(data), error=StudyError)
-    found = []
-    for key, value in given.items():
+    deviations = data if isinstance(data, Mapping) else read_mapping(Path(data), error=StudyError)
+    unknowns = []
+    for key, value in deviations.items():
         try:
-            found.append(Unknown.of(key, value, scene))
+            unknowns.append(Unknown.of(key, value, scene))
         except SceneError as error:
             if data is not DEFAULT:  # with a key of another model or distribution
                 raise StudyError(f"{named}{error}") from error
         except StudyError as error:
             raise StudyError(f"{named}{error}") from error
-    return tuple(found)
+    return tuple(unknowns)
