@@ -15,14 +15,14 @@ from cldit.dit.separation import Rivals
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
-from cldit.run.ensemble import INJECTIONS, NOMINAL, member_folder
+from cldit.run.ensemble import INJECTIONS, NOMINAL
 from cldit.scene import Scene
 from cldit.scene.coarser import coarsened
 from cldit.scene.delays import spray_time_s
 from cldit.scene.scatter import member, members_of, nominal
 from cldit.scene.spray import LagrangianSpray
 
-_DRAWS = 6  # of the unknowns
+_DRAWS = 12  # of the unknowns, with each model
 Trace = Callable[[Scene, Run | None], Run]
 """Runs a scene, with the resolution of another run if there is one."""
 
@@ -60,23 +60,20 @@ def rivals_of(
 ) -> Rivals:
     """Two models in the pixels of the sensor that see at least this emissivity of the first one.
 
-    `trace` makes, of the first one, a run with another value of each unknown, some with drawn
-    values of all of them and, if it states no error, one with wider cells.
+    `trace` makes, of both, runs with drawn values of all unknowns; of the first one, a run with
+    another value of each unknown and, if it states no error, one with wider cells.
     """
-    scene, count = nominal(model.scene), members_of(model.scene)
-    base, members = model, list[Run]()
-    if count > 1:
+    scene, base = nominal(model.scene), model
+    if members_of(model.scene) > 1:
         assert model.folder is not None
         base = open_run(model.folder / NOMINAL)
-        members = [open_run(member_folder(model.folder, n + 1)) for n in range(count)]
-    draws = drawn(model.scene, unknowns, _DRAWS, seed=1)
-    subject = Subject.of(
-        model.scene,
-        model.quadrature,
-        model.spectral,
-        model.reference,
-        least_emissivity=least_emissivity,
+    pairs = zip(
+        drawn(model.scene, unknowns, _DRAWS, seed=1),
+        drawn(rival.scene, [item.of_scene(rival.scene) for item in unknowns], _DRAWS, seed=1),
+        strict=False,  # none of a model that does not vary
     )
+    traced = (model.scene, model.quadrature, model.spectral, model.reference)
+    subject = Subject.of(*traced, least_emissivity=least_emissivity)
 
     def seen(run: Run) -> Subject:
         return subject.of_model(run.scene, run.quadrature, run.spectral, run.reference)
@@ -93,11 +90,12 @@ def rivals_of(
         rival=seen(rival),
         about=seen(base),
         unknowns={
-            unknown.key: seen(trace(scene.with_(**unknown.values(1.0)), base))
-            for unknown in unknowns
+            item.key: seen(trace(scene.with_(**item.values(1.0)), base)) for item in unknowns
         },
-        draws=[(sizes, seen(trace(of, base))) for sizes, of in draws],
-        members=[seen(run) for run in members],
+        draws=[
+            (sizes, seen(trace(sample, base)), seen(trace(rival_sample, base)))
+            for (sizes, sample), (_, rival_sample) in pairs
+        ],
         coarser=[seen(trace(wider, None))] if not errors and wider != scene else [],
         errors=errors,
         delay_s=spray_time_s(model.scene),

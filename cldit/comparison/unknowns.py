@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +59,10 @@ class Unknown:
             )
         sizes = {path: size * (abs(value) if share else 1.0) for path, value in means.items()}
         return cls(key, f"{key} ({deviation})", means, sizes)
+
+    def of_scene(self, scene: Scene) -> Unknown:
+        """The same deviations about the values of another scene."""
+        return replace(self, means={path: value_at(scene, path) for path in self.means})
 
     def values(self, deviations: float) -> dict[str, float]:
         """Values of the paths, so many deviations above those of the scene."""
