@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.acquisition.plan import Plan, plan_from_scene
+from cldit.acquisition.plan import Plan, parse_plan, plan_from_scene
 from cldit.comparison.rivals import in_band
 from cldit.comparison.unknowns import DEFAULT, unknowns_of
 from cldit.dit.design import (
@@ -206,7 +206,7 @@ def separate(
         out: folder of the runs and of plan.yaml; None: runs/ONE-or-OTHER.
         delays: to choose from, as `times` of `cldit.run_series`; None: those of the first scene.
         bands: scenes whose filter and optical properties are further choices, such as
-            `gdi-extinction`.
+            `gdi-extinction`. The plan then names its filter, of a wheel, as its scene.
         unknowns: standard deviation of each key that is not known, in its unit or as `"5 %"`, or a
             YAML file of them; `[*]` is each item of a list. None: mixing length, cone angle, drop
             size, mass, start and temperature of the gas, as far as the scene has them.
@@ -227,6 +227,10 @@ def separate(
     folder = Path("runs") / f"{baseline.name}-or-{rival.name}" if out is None else Path(out)
     delays_s = SeriesPlan.of(baseline, delays).scenes if delays else baseline.plan.delays_s
     filters = {scene.name: scene for scene in (chosen_scene(band) for band in bands)}
+    if filters:  # of a wheel, whose filters are named as the scenes
+        names = [baseline.name, *filters]
+        parse_plan({"backgrounds_K": [min(baseline.background.temperatures_K)], "filters": names},
+                   source="names of the scenes")  # fmt: skip
     free = unknowns_of(baseline, DEFAULT if unknowns is None else unknowns)
     separations = separations_of(
         baseline,
@@ -255,7 +259,8 @@ def separate(
         measured = in_band(measured, filters[best.band])
     measurement = plan_from_scene(measured)
     sizes = {"backgrounds_K": best.backgrounds_K, "shots": best.shots, "references": best.shots}
-    measurement = measurement.model_copy(update={**sizes, "delays_s": ()})
+    wheel = (best.band or baseline.name,) if filters else ()
+    measurement = measurement.model_copy(update={**sizes, "delays_s": (), "filters": wheel})
     write_text(folder / "plan.yaml", measurement.dump())
     return replace(planned, plan=measurement, files=(folder / "plan.yaml",))
 

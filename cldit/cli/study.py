@@ -128,7 +128,7 @@ def _sweep(
         )
     seconds = time.perf_counter() - start
     OUT.print(
-        f"{record.folder}: {record.scenes} scenes, {record.found} of them computed before, "
+        f"{record.folder}: {record.scenes} scenes, {record.stored} of them computed before, "
         f"{record.traces} traces in {seconds:.1f} s"
     )
     OUT.print(f'next: cldit.open_study("{record.folder}") opens them as one data set')

@@ -65,26 +65,26 @@ class Cause:
 
 
 def trials(
-    one: Shown, other: Shown, seen: tuple[Shown, Shown], onto: Callable[[Shown], Floats]
+    baseline: Shown, compared: Shown, seen: tuple[Shown, Shown], onto: Callable[[Shown], Floats]
 ) -> Iterator[Trial]:
     """Temperatures of the walls and patches of a trace, and of the black body of a recording.
 
     seen: both on the same pixels. onto: T_app (H, W) of the trace, evaluated otherwise, on these.
     """
-    trace = next((each for each in (other, one) if each.run is not None), None)
+    trace = next((shown for shown in (compared, baseline) if shown.run is not None), None)
     if trace is not None and trace.run is not None:
         names = {"walls": "walls.temperature_K"}
         for number, patch in enumerate(trace.run.scene.patches):
             names[f"patch {patch.name}"] = f"patches[{number}].temperature_K"
-        before = onto(_evaluated(trace, {}))
-        sign = 1.0 if trace is other else -1.0
+        unchanged_K = onto(_evaluated(trace, {}))
+        sign = 1.0 if trace is compared else -1.0
         for name, key in names.items():
 
             def change(kelvin: float, key: str = key) -> Floats:
-                return sign * (before - onto(_evaluated(trace, {key: -sign * kelvin})))
+                return sign * (unchanged_K - onto(_evaluated(trace, {key: -sign * kelvin})))
 
             yield name, change
-    stated = any("black body" in part.name for each in seen for part in each.systematic)
+    stated = any("black body" in part.name for shown in seen for part in shown.systematic)
     for shown, sign in zip(seen, (-1.0, 1.0), strict=True):
         scene = shown.scene or (shown.traced and shown.traced.scene)
         if shown.noisy and scene and not stated:
@@ -118,9 +118,9 @@ def _background(shown: Shown, filter_um: Filter, sign: float) -> Callable[[float
     light = curve.radiance(np.where(np.isfinite(kelvin), kelvin, at_K))
 
     def change(by_K: float) -> Floats:
-        more = curve.radiance(at_K + sign * by_K) - curve.radiance(at_K)
+        rise = curve.radiance(at_K + sign * by_K) - curve.radiance(at_K)
         with np.errstate(invalid="ignore"):
-            return np.asarray(sign * (kelvin - curve.temperature(light + more)))
+            return np.asarray(sign * (kelvin - curve.temperature(light + rise)))
 
     return change
 
@@ -131,11 +131,11 @@ def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Ca
     None explains less than half of what the errors leave, or is a stated error of more than 5
     deviations.
     """
-    before = tested.again(change_K)
-    if before is None:
+    nominal = tested.again(change_K)
+    if nominal is None:
         return ()
-    where = np.isfinite(before.residuals)
-    own_K, modes, even = tested.own_K[where], tested.modes, before.correlated
+    where = np.isfinite(nominal.residuals)
+    own_K, modes, even = tested.own_K[where], tested.modes, nominal.correlated
     z = change_K[where] / own_K
     b = np.array([mode.kelvin[where] for mode in modes]).reshape(len(modes), z.size) / own_K
     inner = even * np.eye(len(b)) + b @ b.T
@@ -147,9 +147,9 @@ def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Ca
         weight = float(k @ weighed)
         return (float(z @ weighed) / weight if weight > 0.0 else 0.0), weight / even
 
-    left = float(z @ z - (b @ z) @ np.linalg.solve(inner, b @ z))
-    beyond = max(left - len(z), 1.0) / even
-    found = []
+    residual_square = float(z @ z - (b @ z) @ np.linalg.solve(inner, b @ z))
+    beyond = max(residual_square - len(z), 1.0) / even
+    candidates = []
     for name, change in tried:
         kelvin, before_K = change(_STEP_K) / _STEP_K, math.inf
         for _ in range(_MOST_OFTEN):
@@ -159,17 +159,19 @@ def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Ca
                 break
             kelvin, before_K = change(size) / size, size
         error = max(weight, 1e-12) ** -0.5
-        found.append((size**2 * weight, name, "K", kelvin, size, error))
+        candidates.append((size**2 * weight, name, "K", kelvin, size, error))
     for mode in modes:
         size, weight = size_of(mode.kelvin)
         if abs(size) <= _LARGEST:
             gain, error = size**2 * weight, (max(1.0 - weight, 0.0) / max(weight, 1e-12)) ** 0.5
-            found.append((gain, mode.name, "stated deviations", mode.kelvin, size, error))
-    best = max((each[0] for each in found), default=0.0)
+            candidates.append((gain, mode.name, "stated deviations", mode.kelvin, size, error))
+    best = max((candidate[0] for candidate in candidates), default=0.0)
     if best < max(_MOSTLY * beyond, _CLEAR):
         return ()
     out = []
-    for gain, name, unit, kelvin, size, error in sorted(found, key=lambda each: -each[0]):
+    for gain, name, unit, kelvin, size, error in sorted(
+        candidates, key=lambda candidate: -candidate[0]
+    ):
         if gain >= max(best - _BY_CHANCE, _CLEAR):
             rest = tested.again(change_K - size * np.nan_to_num(kelvin))
             out.append(

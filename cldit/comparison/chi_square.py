@@ -95,7 +95,7 @@ def chi_square(
     gram, along = b @ b.T, b @ z
     # Along the modes, and a shift of each part, which has no error of its own.
     span, even = _orthonormal(b), 1.0 / error[where]
-    inside = [each[where] for each in parts if each[where].any()] or [np.ones(count, bool)]
+    inside = [part[where] for part in parts if part[where].any()] or [np.ones(count, bool)]
     for part in inside:
         shift = np.where(part, even, 0.0)
         rest = shift - span.T @ (span @ shift)
@@ -110,21 +110,26 @@ def chi_square(
     effective = count / squares
     chances, seen = list[float](), np.inf
     for part in inside:
-        left = float(np.sum(part) - np.sum(span[:, part] ** 2))
-        if left >= 1.0:
-            beside = float(np.sum(noise[part] ** 2)) / left
-            own = effective / count * left
-            chances.append(_chance(beside, own, degrees[0] * own))
+        freedom = float(np.sum(part) - np.sum(span[:, part] ** 2))
+        if freedom >= 1.0:
+            beside = float(np.sum(noise[part] ** 2)) / freedom
+            degrees_of_part = effective / count * freedom
+            chances.append(_chance(beside, degrees_of_part, degrees[0] * degrees_of_part))
     if len(span):
         along_modes = span @ b.T
         of_modes = along_modes @ along_modes.T
         inverse = np.linalg.inv(products * np.eye(len(span)) + of_modes)
         share = float(np.trace(inverse @ of_modes)) / len(span)
-        known = min(degrees[1] / max(share, 1e-6) ** 2, _MANY)
+        degrees_of_modes = min(degrees[1] / max(share, 1e-6) ** 2, _MANY)
         statistic = float(span @ z @ inverse @ (span @ z)) / len(span)
-        chances.append(_chance(statistic, len(span), known))
+        chances.append(_chance(statistic, len(span), degrees_of_modes))
         level = -np.expm1(np.log1p(-LEVEL) / len(chances))
-        needed = ncfdtrinc(len(span), known, 1.0 - POWER, fdtri(len(span), known, 1.0 - level))
+        needed = ncfdtrinc(
+            len(span),
+            degrees_of_modes,
+            1.0 - POWER,
+            fdtri(len(span), degrees_of_modes, 1.0 - level),
+        )
         seen = float(np.sqrt(needed / (span @ even @ inverse @ (span @ even))))
     return ChiSquare(
         pixels=count,
@@ -151,14 +156,14 @@ def sidak(chances: Sequence[float]) -> float:
 
 
 def combined_degrees(
-    variances: Sequence[float], degrees: Sequence[float], *, whole: float | None = None
+    variances: Sequence[float], degrees: Sequence[float], *, total_variance: float | None = None
 ) -> float:
     """Degrees of freedom of a sum of variances, each with its own (Satterthwaite 1946).
 
     whole: the sum, of which these may be a part; None: there are no others.
     """
-    total = sum(variances) if whole is None else whole
-    square = sum(one**2 / of for one, of in zip(variances, degrees, strict=True))
+    total = sum(variances) if total_variance is None else total_variance
+    square = sum(variance**2 / of for variance, of in zip(variances, degrees, strict=True))
     return float(total**2 / square) if square > 0.0 else np.inf
 
 

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from cldit.comparison.causes import Cause, causes, trials
 from cldit.comparison.chi_square import LEVEL
 from cldit.comparison.members import injections_p
-from cldit.comparison.modes import Mode
 from cldit.comparison.pixels import together
 from cldit.comparison.profiles import LineDifference, line_differences
-from cldit.comparison.regions import positions_m
+from cldit.comparison.regions import Value, positions_m, shape_of
 from cldit.comparison.registration import aligned
-from cldit.comparison.shape import Value, shape_of
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Openable, Shown, open_shown
-from cldit.comparison.tested import RegionDifference, seen_in_both, tested
+from cldit.comparison.tested import Mode, RegionDifference, seen_in_both, tested
 from cldit.comparison.verdict import Verdict
 from cldit.run.ensemble import INJECTIONS
 from cldit.scene.keys import KeyDifference, key_differences
@@ -96,8 +94,8 @@ class Difference:
     @property
     def shapes(self) -> dict[str, tuple[Value, Value]]:
         """Penetration, angle and areas of both, each with its error."""
-        one, other = (shape_of(each) for each in self.seen)
-        return {name: (value, other[name]) for name, value in one.items()}
+        baseline, compared = (shape_of(shown) for shown in self.seen)
+        return {name: (value, compared[name]) for name, value in baseline.items()}
 
     @cached_property
     def profiles(self) -> dict[str, LineDifference]:
@@ -110,7 +108,7 @@ class Difference:
     @property
     def same(self) -> bool:
         """True if every value is the same, and missing in the same pixels."""
-        return self.only == (0, 0) and all(not one.worst for one in self.maps)
+        return self.only == (0, 0) and all(not quantity.worst for quantity in self.maps)
 
     @property
     def p_value(self) -> float | None:
@@ -123,9 +121,9 @@ class Difference:
         by_errors, by_members = self.regions["all"].p_value, self.injections_p
         if by_errors is None or by_members is None:
             return by_errors
-        common = (part.name for each in self.seen for part in each.common)
-        other = any(not name.startswith(INJECTIONS) for name in common)
-        return max(by_errors, by_members) if other else by_members
+        common = (part.name for shown in self.seen for part in shown.common)
+        fixed_errors = any(not name.startswith(INJECTIONS) for name in common)
+        return max(by_errors, by_members) if fixed_errors else by_members
 
     @property
     def where(self) -> tuple[str, ...]:
@@ -146,11 +144,15 @@ class Difference:
     @property
     def verdict(self) -> Verdict:
         """Conclusion, with effect, power, keys and causes."""
-        known = {name: one.p_value for name, one in self.regions.items() if one.p_value is not None}
-        if self._untested or not known:
-            return Verdict(differs=None, why=self._untested, keys=self.keys)
+        chances = {
+            name: region.p_value
+            for name, region in self.regions.items()
+            if region.p_value is not None
+        }
+        if self._untested or not chances:
+            return Verdict(differs=None, reason=self._untested, keys=self.keys)
         differs = not self.within
-        name = min(self.where, key=lambda name: known[name]) if differs and self.where else "all"
+        name = min(self.where, key=lambda name: chances[name]) if differs and self.where else "all"
         region = self.regions[name]
         return Verdict(
             differs=differs,
@@ -183,13 +185,15 @@ class Difference:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         images = {"seen", "change_K", "error_K", "residuals", "modes", "regions"}
-        data = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in images}
-        data["maps"] = [asdict(one) for one in self.maps]
-        data["keys"] = [asdict(one) for one in self.keys]
-        data["regions"] = {name: asdict(one) for name, one in self.regions.items()}
-        data["modes"] = {one.name: one.size for one in self.modes}
+        data = {
+            item.name: getattr(self, item.name) for item in fields(self) if item.name not in images
+        }
+        data["maps"] = [asdict(quantity) for quantity in self.maps]
+        data["keys"] = [asdict(key) for key in self.keys]
+        data["regions"] = {name: asdict(region) for name, region in self.regions.items()}
+        data["modes"] = {mode.name: mode.size for mode in self.modes}
         data["shapes"] = self.shapes
-        data["profiles"] = {name: one.columns for name, one in self.profiles.items()}
+        data["profiles"] = {name: line.columns for name, line in self.profiles.items()}
         verdict = self.verdict
         del data["causes"]
         return {
@@ -205,105 +209,102 @@ class Difference:
                 "interval_K": verdict.interval_K,
                 "seen_K": verdict.seen_K,
                 "p_value": verdict.p_value,
-                "causes": [asdict(one) for one in verdict.causes],
+                "causes": [asdict(cause) for cause in verdict.causes],
             },
         }
 
 
 def difference(
-    one: Openable,
-    other: Openable,
+    baseline: Openable,
+    compared: Openable,
     *,
     acquired: bool = False,
-    resample: bool = False,
     within_K: float | None = None,
     align: Align = "metadata",
 ) -> Difference:
     """Difference of two results: runs, or folders of runs, of acquisitions or measured data.
 
-    `acquired` takes recordings of runs, not their traces. `resample` averages a trace onto the
-    pixels of the other one. `within_K` is the RMS allowed in T_app in place of the errors. `align`
-    finds the view from the images, or takes it from the metadata. Raises
-    RunFolderError without maps, EvaluationError if the pixels differ.
+    `acquired` takes recordings of runs, not their traces. `within_K` is the RMS allowed in T_app in
+    place of the errors. `align` finds the view from the images, or takes it from the metadata.
+    Raises RunFolderError without maps, EvaluationError if the pixels cannot be brought together.
     """
-    first, second = (open_shown(each, acquired=acquired) for each in (one, other))
-    stated_K = first.error_K, second.error_K
-    parts = unshared(first, second)
-    by_images = align == "images"
-    first, second, averaged = together(
-        parts.one, parts.other, resample=resample, centred=not by_images
+    reference, result = (
+        open_shown(openable, acquired=acquired) for openable in (baseline, compared)
     )
-    before = parts.one, parts.other
-    view, of_view, swapped = None, list[Image](), second.noisy and not first.noisy
+    stated_K = reference.error_K, result.error_K
+    parts = unshared(reference, result)
+    by_images = align == "images"
+    reference, result, averaged = together(parts.baseline, parts.compared, centred=not by_images)
+    unaligned = parts.baseline, parts.compared
+    view, of_view, swapped = None, list[Image](), result.noisy and not reference.noisy
     if by_images:
-        first, second, view, of_view = aligned(first, second)
-    traced = 1 if before[1].run is not None else 0
+        reference, result, view, of_view = aligned(reference, result)
+    traced = 1 if unaligned[1].run is not None else 0
 
     def onto(trace: Shown) -> Image:
         """T_app of a trace, one of both evaluated otherwise, on the common pixels."""
-        pair = (before[0], trace) if traced else (trace, before[1])
-        both = together(*pair, resample=resample, centred=not by_images)[:2]
-        maps = both[traced].maps
+        pair = (unaligned[0], trace) if traced else (trace, unaligned[1])
+        pair = together(*pair, centred=not by_images)[:2]
+        maps = pair[traced].maps
         kelvin = maps.apparent_temperature_K.astype(np.float64)
         return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
 
     t_one, t_other = (
-        each.maps.apparent_temperature_K.astype(np.float64) for each in (first, second)
+        shown.maps.apparent_temperature_K.astype(np.float64) for shown in (reference, result)
     )
     has = np.isfinite(t_one), np.isfinite(t_other)
     change_K = t_other - t_one
-    found = tested(change_K, first, second, of_view)
-    p_value = found.regions["all"].p_value
+    test = tested(change_K, reference, result, of_view)
+    p_value = test.regions["all"].p_value
     explained = tuple[Cause, ...]()
     if p_value is not None and p_value < LEVEL:
-        explained = causes(change_K, found, trials(*before, (first, second), onto))
-    scenes = [each.scene or (each.traced and each.traced.scene) for each in before]
+        explained = causes(change_K, test, trials(*unaligned, (reference, result), onto))
+    scenes = [shown.scene or (shown.traced and shown.traced.scene) for shown in unaligned]
     return Difference(
-        one=first.name,
-        other=second.name,
+        one=reference.name,
+        other=result.name,
         maps=(
-            _of("apparent_temperature_K", "K", t_one, t_other, second),
-            _of("emissivity", "1", first.maps.emissivity, second.maps.emissivity, second),
-            _of("optical_depth", "1", first.maps.optical_depth, second.maps.optical_depth, second),
+            _of("apparent_temperature_K", "K", reference, result),
+            _of("emissivity", "1", reference, result),
+            _of("optical_depth", "1", reference, result),
         ),
         only=(int(np.sum(has[0] & ~has[1])), int(np.sum(has[1] & ~has[0]))),
         stated_K=stated_K,
-        unshared_K=(first.error_K, second.error_K),
-        unshared_emissivity=(first.emissivity_error, second.emissivity_error),
+        unshared_K=(reference.error_K, result.error_K),
+        unshared_emissivity=(reference.emissivity_error, result.emissivity_error),
         shared=parts.shared,
         tested=parts.tested,
         code=parts.code,
-        at_least=first.at_least or second.at_least,
+        at_least=reference.at_least or result.at_least,
         given_K=within_K,
-        injections_p=injections_p(first.run, second.run, found.where["all"]),
-        regions=found.regions,
-        modes=found.modes,
+        injections_p=injections_p(reference.run, result.run, test.where["all"]),
+        regions=test.regions,
+        modes=test.modes,
         averaged=averaged,
         view="" if view is None else view.text,
         keys=key_differences(scenes[0], scenes[1]) if scenes[0] and scenes[1] else (),
         causes=explained,
-        seen=(first, second),
+        seen=(reference, result),
         change_K=change_K,
-        error_K=found.error_K,
-        residuals=found.residuals,
+        error_K=test.error_K,
+        residuals=test.residuals,
     )
 
 
-def _of(
-    name: str, unit: str, one: NDArray[np.floating], other: NDArray[np.floating], at: Shown
-) -> MapDifference:
-    change = np.asarray(other, np.float64) - one
-    known = np.isfinite(change)
-    if not known.any():
+def _of(name: str, unit: str, baseline: Shown, compared: Shown) -> MapDifference:
+    images = (getattr(shown.maps, name).astype(np.float64) for shown in (compared, baseline))
+    change = np.subtract(*images)
+    finite = np.isfinite(change)
+    if not finite.any():
         return MapDifference(name=name, unit=unit, pixels=0)
     worst = np.unravel_index(np.nanargmax(np.abs(change)), change.shape)
-    x_m, z_m = positions_m(change.shape, pixel_m=at.pixel_m, centre_m=at.centre_m)
+    x_m, z_m = positions_m(change.shape, pixel_m=compared.pixel_m, centre_m=compared.centre_m)
     return MapDifference(
         name=name,
         unit=unit,
-        pixels=int(known.sum()),
-        mean=float(np.mean(change[known])),
-        rms=float(np.sqrt(np.mean(change[known] ** 2))),
+        pixels=int(finite.sum()),
+        mean=float(np.mean(change[finite])),
+        rms=float(np.sqrt(np.mean(change[finite] ** 2))),
         worst=float(change[worst]),
         worst_mm=(float(1e3 * x_m[worst]), float(1e3 * z_m[worst])),
     )

@@ -29,55 +29,49 @@ _ANY_K = 300.0  # where there is none
 Image = NDArray[np.float64]
 
 
-def same_pixels(one: Shown, other: Shown, *, centred: bool = True) -> bool:
+def same_pixels(baseline: Shown, compared: Shown, *, centred: bool = True) -> bool:
     """True if the pixels of both have the same positions, or sizes if not `centred`."""
-    shape = one.maps.emissivity.shape
-    if shape != other.maps.emissivity.shape:
+    shape = baseline.maps.emissivity.shape
+    if shape != compared.maps.emissivity.shape:
         return False
     drift = [
         abs(a - b) * count / b
-        for a, b, count in zip(one.pixel_m, other.pixel_m, reversed(shape), strict=True)
+        for a, b, count in zip(baseline.pixel_m, compared.pixel_m, reversed(shape), strict=True)
     ]
-    return bool(max(*drift, *(_offsets(one, other) if centred else ())) < _SAME)
+    return bool(max(*drift, *(_offsets(baseline, compared) if centred else ())) < _SAME)
 
 
-def _offsets(one: Shown, other: Shown) -> list[float]:
+def _offsets(baseline: Shown, compared: Shown) -> list[float]:
     """Distances of the centres, in pixels."""
     return [
-        abs(a - b) / p for a, b, p in zip(one.centre_m, other.centre_m, other.pixel_m, strict=True)
+        abs(a - b) / p
+        for a, b, p in zip(baseline.centre_m, compared.centre_m, compared.pixel_m, strict=True)
     ]
 
 
-def together(
-    one: Shown, other: Shown, *, resample: bool, centred: bool = True
-) -> tuple[Shown, Shown, str]:
-    """Both on the same pixels, and a description of an average, empty if there was none.
+def together(baseline: Shown, compared: Shown, *, centred: bool = True) -> tuple[Shown, Shown, str]:
+    """Both on the same pixels, and a description of an average, empty without one.
 
-    resample: average a trace onto the pixels of a recording, as a rig does; of two traces or two
-    recordings, the finer onto the pixels of the coarser one. centred: their centres must be the
-    same. Raises EvaluationError if that is not allowed or not possible.
+    A trace is averaged onto the pixels of a recording, as by a rig; of two of a kind, the
+    finer onto the pixels of the coarser one. centred: their centres must be the same. Raises
+    EvaluationError if that is not possible.
     """
-    if same_pixels(one, other, centred=centred):
-        return one, other, ""
-    what = f"{one.name} has {one.grid}; {other.name} has {other.grid}"
-    if not resample:
-        raise EvaluationError(
-            f"{what}; allowed: the same pixels, or --resample (resample=True), which averages "
-            "a trace onto the other's pixels"
-        )
-    if (one.run is None) is (other.run is None):
-        swap = bool(np.prod(one.pixel_m) > np.prod(other.pixel_m))
+    if same_pixels(baseline, compared, centred=centred):
+        return baseline, compared, ""
+    grids = f"{baseline.name} has {baseline.grid}; {compared.name} has {compared.grid}"
+    if (baseline.run is None) is (compared.run is None):
+        swap = bool(np.prod(baseline.pixel_m) > np.prod(compared.pixel_m))
     else:
-        swap = one.run is None
-    trace, onto = (other, one) if swap else (one, other)
-    averaged = _averaged(trace, onto, what, centred=centred)
-    first, second = (onto, averaged) if swap else (averaged, onto)
-    return first, second, f"{trace.name} averaged onto {onto.grid}"
+        swap = baseline.run is None
+    trace, onto = (compared, baseline) if swap else (baseline, compared)
+    averaged = _averaged(trace, onto, grids, centred=centred)
+    averaged_baseline, averaged_compared = (onto, averaged) if swap else (averaged, onto)
+    return averaged_baseline, averaged_compared, f"{trace.name} averaged onto {onto.grid}"
 
 
-def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
+def _averaged(trace: Shown, onto: Shown, grids: str, *, centred: bool) -> Shown:
     if centred and max(_offsets(trace, onto)) > _SAME:
-        raise EvaluationError(f"{what}; the centres must be the same")
+        raise EvaluationError(f"{grids}; the centres must be the same")
     rows, columns = onto.maps.emissivity.shape
     high, wide = trace.maps.emissivity.shape
     shares = (
@@ -86,7 +80,7 @@ def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
     )
     if max(shares) > 1.0 + 1e-6:
         raise EvaluationError(
-            f"{what}; the one that is averaged must cover the whole of the other image"
+            f"{grids}; the one that is averaged must cover the whole of the other image"
         )
     across = overlap_matrix(wide, columns, min(shares[0], 1.0))
     along = overlap_matrix(high, rows, min(shares[1], 1.0))
@@ -100,14 +94,14 @@ def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
         def mean_square(image: Image) -> Image:
             return np.asarray(squared[1] @ (squared[0] @ image.T).T)
 
-        found = _averaged_recording(trace, what, mean=mean, mean_square=mean_square)
-        return replace(found, pixel_m=onto.pixel_m, centre_m=onto.centre_m)
+        averaged = _averaged_recording(trace, grids, mean=mean, mean_square=mean_square)
+        return replace(averaged, pixel_m=onto.pixel_m, centre_m=onto.centre_m)
 
     def means(weights: Weights) -> Weights:
         return weights.map(lambda image: mean(image).astype(np.float32))
 
     run = trace.run
-    spectral = tuple(means(one) for one in run.spectral)
+    spectral = tuple(means(weights) for weights in run.spectral)
     reference = means(run.reference)
     sensor = sensor_of(run.scene, run.quadrature, (spectral, reference))
     maps = evaluated(run.scene, run.quadrature, spectral, reference, sensor)
@@ -129,7 +123,7 @@ def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
 
 def _averaged_recording(
     fine: Shown,
-    what: str,
+    grids: str,
     *,
     mean: Callable[[Image], Image],
     mean_square: Callable[[Image], Image],
@@ -143,16 +137,19 @@ def _averaged_recording(
     scene = fine.scene or (fine.traced and fine.traced.scene)
     filter_um = scene_filter(scene) if scene else fine.filter_um
     if filter_um is None:
-        raise EvaluationError(f"{what}; the filter of {fine.name}, the finer one, is unknown")
+        raise EvaluationError(f"{grids}; the filter of {fine.name}, the finer one, is unknown")
     curve = Curve(filter_um=filter_um)
     kelvin = fine.maps.apparent_temperature_K.astype(np.float64)
-    known, emissivity = np.isfinite(kelvin), np.nan_to_num(fine.maps.emissivity).astype(np.float64)
-    kelvin = np.where(known, kelvin, _ANY_K)
-    own = np.where(known, emissivity * curve.radiance(kelvin), 0.0)
-    steep = np.where(known, emissivity * curve.slope(kelvin), 0.0)
-    whole, warmed = mean(emissivity), mean(np.where(known, emissivity, 0.0))
-    seen = warmed > _MOSTLY * np.maximum(whole, 1e-6)
-    warm = curve.temperature(np.where(seen, mean(own) / np.where(seen, warmed, 1.0), 0.0))
+    emissivity = np.nan_to_num(fine.maps.emissivity).astype(np.float64)
+    has_kelvin = np.isfinite(kelvin)
+    kelvin = np.where(has_kelvin, kelvin, _ANY_K)
+    spray_radiance = np.where(has_kelvin, emissivity * curve.radiance(kelvin), 0.0)
+    steep = np.where(has_kelvin, emissivity * curve.slope(kelvin), 0.0)
+    mean_emissivity, warmed = mean(emissivity), mean(np.where(has_kelvin, emissivity, 0.0))
+    seen = warmed > _MOSTLY * np.maximum(mean_emissivity, 1e-6)
+    warm = curve.temperature(
+        np.where(seen, mean(spray_radiance) / np.where(seen, warmed, 1.0), 0.0)
+    )
     slope = np.where(seen, warmed * curve.slope(np.where(seen, warm, _ANY_K)), np.inf)
 
     def averaged(part: Part) -> Part:
@@ -165,17 +162,17 @@ def _averaged_recording(
     of_e -= sum((np.nan_to_num(part.emissivity) ** 2 for part in fine.common), 0.0)
     square_e = mean_square(np.maximum(of_e, 0.0))
     square_e = square_e + sum((part.emissivity**2 for part in common), 0.0)
-    error_K = np.full(whole.shape, np.nan)
+    error_K = np.full(mean_emissivity.shape, np.nan)
     if independent is not None:
         error_K = mean_square(steep**2 * np.nan_to_num(independent)) / slope**2
         error_K = np.sqrt(error_K + sum((part.kelvin**2 for part in common), 0.0))
     covariance = mean_square(steep * np.nan_to_num(fine.independent_covariance_K)) / slope
     covariance = covariance + sum((part.kelvin * part.emissivity for part in common), 0.0)
-    nothing = np.full(whole.shape, np.nan)
+    nothing = np.full(mean_emissivity.shape, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.where(seen, covariance / (np.sqrt(square_e) * error_K), np.nan)
     images = {
-        "emissivity": whole,
+        "emissivity": mean_emissivity,
         "apparent_temperature_K": np.where(seen, warm, np.nan),
         "emissivity_standard_error": np.sqrt(square_e),
         "apparent_temperature_standard_error_K": np.where(seen, error_K, np.nan),
@@ -186,7 +183,7 @@ def _averaged_recording(
     reason = np.where(seen, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)
     return replace(
         fine,
-        maps=Maps(**{k: one.astype(np.float32) for k, one in images.items()}, reason=reason),
+        maps=Maps(**{k: image.astype(np.float32) for k, image in images.items()}, reason=reason),
         error_map_K=None if fine.error_map_K is None else np.where(seen, error_K, np.nan),
         common=common,
         systematic=tuple(averaged(part) for part in fine.systematic),
@@ -195,8 +192,8 @@ def _averaged_recording(
 
 def _mean_known(error_K: Image, mean: Callable[[Image], Image]) -> Image:
     """Mean over the pixels that have an error; errors of neighbours are assumed to be the same."""
-    known = np.isfinite(error_K)
-    share = mean(known.astype(np.float64))
-    total = mean(np.where(known, error_K, 0.0))
+    finite = np.isfinite(error_K)
+    share = mean(finite.astype(np.float64))
+    total = mean(np.where(finite, error_K, 0.0))
     out: Image = np.divide(total, share, out=np.full(share.shape, np.nan), where=share > 0)
     return out

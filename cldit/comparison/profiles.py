@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.comparison.modes import Mode
 from cldit.comparison.regions import Spray2D
 from cldit.comparison.shown import Shown
+from cldit.comparison.tested import Mode
 from cldit.dit.profile import Profile, pixels_at, profile_of
 
 _LEAST = 1e-3  # length of the mean direction of a spray that has one
@@ -42,12 +42,12 @@ class LineDifference:
     @property
     def columns(self) -> dict[str, Floats]:
         """Columns of a table by name."""
-        found = {name: getattr(self.one, name) for name in ("distance_m", "x_m", "z_m")}
+        columns = {name: getattr(self.one, name) for name in ("distance_m", "x_m", "z_m")}
         for name in _VALUES:
-            found |= {f"one_{name}": getattr(self.one, name)}
-            found |= {f"other_{name}": getattr(self.other, name)}
+            columns |= {f"one_{name}": getattr(self.one, name)}
+            columns |= {f"other_{name}": getattr(self.other, name)}
         changes = ("change_K", "change_error_K", "emissivity_change", "emissivity_change_error")
-        return found | {name: getattr(self, name) for name in changes}
+        return columns | {name: getattr(self, name) for name in changes}
 
 
 _VALUES = (
@@ -92,23 +92,23 @@ def line_differences(
         "across": f"across it, {1e3 * away_m:.3g} mm from the tip",
     }
     square = sum((mode.emissivity**2 for mode in modes), np.zeros(change_K.shape))
-    for each in seen:
-        common = sum((np.nan_to_num(part.emissivity) ** 2 for part in each.common), 0.0)
-        square = square + np.maximum(each.maps.emissivity_standard_error**2 - common, 0.0)
-    found = {}
-    for name, both in lines.items():
-        if both is not None:
-            one, other = both
-            at = pixels_at(change_K.shape, seen[0].pixel_m, seen[0].centre_m, one.x_m, one.z_m)
-            found[name] = LineDifference(
+    for shown in seen:
+        common = sum((np.nan_to_num(part.emissivity) ** 2 for part in shown.common), 0.0)
+        square = square + np.maximum(shown.maps.emissivity_standard_error**2 - common, 0.0)
+    differences = {}
+    for name, pair in lines.items():
+        if pair is not None:
+            line = pair[0]
+            at = pixels_at(change_K.shape, seen[0].pixel_m, seen[0].centre_m, line.x_m, line.z_m)
+            differences[name] = LineDifference(
                 title=titles[name],
-                one=one,
-                other=other,
+                one=pair[0],
+                other=pair[1],
                 change_K=np.where(visible, change_K, np.nan)[at],
                 change_error_K=np.where(visible, error_K, np.nan)[at],
                 emissivity_change_error=np.sqrt(square)[at],
             )
-    return found
+    return differences
 
 
 def _both(
@@ -129,15 +129,15 @@ def _both(
         return None
     first_m = float(away_m[np.argmax(inside)])
     start_m = (through_m[0] + first_m * along[0], through_m[1] + first_m * along[1])
-    found = []
-    for each in seen:
-        warm, emissivity = _errors(each)
-        maps = replace(each.maps, emissivity_standard_error=emissivity.astype(np.float32))
+    profiles = []
+    for shown in seen:
+        warm, emissivity = _errors(shown)
+        maps = replace(shown.maps, emissivity_standard_error=emissivity.astype(np.float32))
         profile = profile_of(
             maps, **place, start_m=start_m, angle_deg=angle_deg, temperature_error_K=warm
         )
-        found.append(replace(profile, distance_m=profile.distance_m + first_m))
-    return found[0], found[1]
+        profiles.append(replace(profile, distance_m=profile.distance_m + first_m))
+    return profiles[0], profiles[1]
 
 
 def _errors(shown: Shown) -> tuple[Floats, Floats]:

@@ -1,12 +1,14 @@
-"""Regions of a spray in its maps: root, plumes, tips and halo."""
+"""Regions of a spray in its maps: root, plumes, tips and halo; its penetration, angle and area."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cldit.arrays import Floats, Mask
+from cldit.comparison.shown import Shown
 from cldit.dit.maps import Maps
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 
@@ -14,19 +16,25 @@ _ROOT_M = (1e-3, 8e-3)  # below the tip, where the plumes overlap and are hardly
 _CONTAINED = 0.97  # share of the visible spray within its reach
 _TIPS = 0.85  # of the reach: beyond are the tips
 _THIN = 0.3  # emissivity of the halo, at most
+_AT = (0.3, 0.7)  # share of the reach between which the angle is measured
+_WITHIN = (0.025, 0.975)  # shares of the emissivity at both edges
+_DENSE = 0.5  # emissivity
+
+Value = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spray2D:
     """Emissivity (H, W) of a spray and the positions of its pixels from the injector's tip.
 
-    x_m, z_m: (H, W), x to the right and z up. known: (H, W) pixels that count.
+    x_m, z_m: (H, W), x to the right and z up. counted: (H, W) pixels that
+    count.
     """
 
     emissivity: Floats
     x_m: Floats
     z_m: Floats
-    known: Mask
+    counted: Mask
 
     @classmethod
     def of(
@@ -34,13 +42,13 @@ class Spray2D:
     ) -> Spray2D:
         """The spray of maps with a pixel size and centre (x, z); pixels with a T_app count."""
         x_m, z_m = positions_m(maps.emissivity.shape, pixel_m=pixel_m, centre_m=centre_m)
-        known = np.isfinite(maps.apparent_temperature_K)
-        return cls(emissivity=maps.emissivity.astype(float), x_m=x_m, z_m=z_m, known=known)
+        finite = np.isfinite(maps.apparent_temperature_K)
+        return cls(emissivity=maps.emissivity.astype(float), x_m=x_m, z_m=z_m, counted=finite)
 
     @property
     def visible(self) -> Mask:
         """Pixels that count with an emissivity above 0.05."""
-        return np.asarray(self.known & (self.emissivity > VISIBLE_EMISSIVITY))
+        return np.asarray(self.counted & (self.emissivity > VISIBLE_EMISSIVITY))
 
     @property
     def root(self) -> Mask:
@@ -53,10 +61,10 @@ class Spray2D:
         seen = self.visible
         if not seen.any():
             return float("nan")
-        far, weight = np.hypot(self.x_m, self.z_m)[seen], self.emissivity[seen]
-        order = np.argsort(far)
+        distance_m, weight = np.hypot(self.x_m, self.z_m)[seen], self.emissivity[seen]
+        order = np.argsort(distance_m)
         inside = np.cumsum(weight[order]) / weight.sum()
-        return float(far[order][np.searchsorted(inside, _CONTAINED)])
+        return float(distance_m[order][np.searchsorted(inside, _CONTAINED)])
 
     def tips(self, share: float = _TIPS) -> Mask:
         """Visible spray beyond `share` of its reach, which single droplets do not determine."""
@@ -91,3 +99,42 @@ def positions_m(
     up = centre_m[1] - (np.arange(rows) - (rows - 1) / 2) * pixel_m[1]
     x_m, z_m = np.meshgrid(across, up)
     return x_m, z_m
+
+
+def angle_deg(spray: Spray2D) -> float:
+    """Full angle that contains 95 % of the spray, by emissivity, at 30 to 70 % of its reach."""
+    distance_m, reach = np.hypot(spray.x_m, spray.z_m), spray.reach_m
+    annulus = spray.visible & (distance_m > _AT[0] * reach) & (distance_m < _AT[1] * reach)
+    if not annulus.any():
+        return float("nan")
+    angle = np.degrees(np.arctan2(spray.x_m[annulus], -spray.z_m[annulus]))
+    order = np.argsort(angle)
+    share = np.cumsum(spray.emissivity[annulus][order])
+    low, high = np.interp(_WITHIN, share / share[-1], angle[order])
+    return float(high - low)
+
+
+def shape_of(shown: Shown) -> dict[str, Value]:
+    """Penetration [mm], angle [degrees], visible and dense area [mm2], each with its error.
+
+    The error is the change by one standard error of the emissivity in all pixels, and half a pixel
+    of the penetration.
+    """
+    pixel_mm = tuple(1e3 * edge_m for edge_m in shown.pixel_m)
+    spray = Spray2D.of(shown.maps, pixel_m=shown.pixel_m, centre_m=shown.centre_m)
+    error = shown.maps.emissivity_standard_error if shown.noisy else 0.0 * spray.emissivity
+    changed = [replace(spray, emissivity=spray.emissivity + sign * error) for sign in (1.0, -1.0)]
+
+    def area(above: float) -> Callable[[Spray2D], float]:
+        return lambda seen: float(np.sum(seen.emissivity > above) * pixel_mm[0] * pixel_mm[1])
+
+    shape: dict[str, Value] = {}
+    for name, measure, resolution in (
+        ("penetration_mm", lambda seen: 1e3 * seen.reach_m, max(pixel_mm) / 2.0),
+        ("angle_deg", angle_deg, 0.0),
+        ("visible_area_mm2", area(VISIBLE_EMISSIVITY), 0.0),
+        ("dense_area_mm2", area(_DENSE), 0.0),
+    ):
+        larger, smaller = (measure(seen) for seen in changed)
+        shape[name] = (measure(spray), float(np.hypot((larger - smaller) / 2.0, resolution)))
+    return shape

@@ -12,14 +12,14 @@ from cldit.comparison.shown import Shown
 from cldit.dit.maps import Maps
 
 
-def aligned(one: Shown, other: Shown) -> tuple[Shown, Shown, Alignment, list[Floats]]:
+def aligned(baseline: Shown, compared: Shown) -> tuple[Shown, Shown, Alignment, list[Floats]]:
     """Both in one view, found from their emissivities; the one without noise is moved.
 
     The last are changes (H, W) of other minus one by one standard deviation of the alignment.
     """
-    swap = other.noisy and not one.noisy
-    fixed, moving = (other, one) if swap else (one, other)
-    images = [np.nan_to_num(each.maps.emissivity.astype(float)) for each in (fixed, moving)]
+    swap = compared.noisy and not baseline.noisy
+    fixed, moving = (compared, baseline) if swap else (baseline, compared)
+    images = [np.nan_to_num(shown.maps.emissivity.astype(float)) for shown in (fixed, moving)]
     view = align(images[0], images[1])
     t_app = moving.maps.apparent_temperature_K
     moved = _moved(moving, view)

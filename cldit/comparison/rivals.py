@@ -15,14 +15,14 @@ from cldit.dit.separation import Rivals
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
-from cldit.run.ensemble import INJECTIONS, NOMINAL, member_folder
+from cldit.run.ensemble import INJECTIONS, NOMINAL
 from cldit.scene import Scene
 from cldit.scene.coarser import coarsened
 from cldit.scene.delays import spray_time_s
 from cldit.scene.scatter import member, members_of, nominal
 from cldit.scene.spray import LagrangianSpray
 
-_DRAWS = 6  # of the unknowns
+_DRAWS = 12  # of the unknowns, with each model
 Trace = Callable[[Scene, Run | None], Run]
 """Runs a scene, with the resolution of another run if there is one."""
 
@@ -33,25 +33,25 @@ def in_band(scene: Scene, optics: Scene) -> Scene:
     return scene.model_copy(update={"optics": optics.optics, "transport": transport})
 
 
-def check_rivals(one: Scene, other: Scene) -> None:
+def check_rivals(scene: Scene, rival_scene: Scene) -> None:
     """Raises EvaluationError if the sensors of two scenes see different places."""
-    first, second = (SensorView.from_scene(scene) for scene in (one, other))
+    view, rival_view = (SensorView.from_scene(seen) for seen in (scene, rival_scene))
     for key, name in (
         ("field_m", "camera.field_m"),
         ("centre_m", "camera.target_m"),
         ("pixels", "camera.sensor.pixels"),
     ):
-        values = getattr(first, key), getattr(second, key)
+        values = getattr(view, key), getattr(rival_view, key)
         if values[0] != values[1]:
             raise EvaluationError(
-                f"{name}: {values[0]} in {one.name}, {values[1]} in {other.name}; allowed: scenes "
-                "whose sensors see the same places, with any other keys"
+                f"{name}: {values[0]} in {scene.name}, {values[1]} in {rival_scene.name}; "
+                "allowed: scenes whose sensors see the same places, with any other keys"
             )
 
 
 def rivals_of(
-    one: Run,
-    other: Run,
+    model: Run,
+    rival: Run,
     trace: Trace,
     *,
     band: str = "",
@@ -60,42 +60,45 @@ def rivals_of(
 ) -> Rivals:
     """Two models in the pixels of the sensor that see at least this emissivity of the first one.
 
-    `trace` makes, of the first one, a run with another value of each unknown, some with drawn
-    values of all of them and, if it states no error, one with wider cells.
+    `trace` makes, of both, runs with drawn values of all unknowns; of the first one, a run with
+    another value of each unknown and, if it states no error, one with wider cells.
     """
-    scene, count = nominal(one.scene), members_of(one.scene)
-    base, members = one, list[Run]()
-    if count > 1:
-        assert one.folder is not None
-        base = open_run(one.folder / NOMINAL)
-        members = [open_run(member_folder(one.folder, n + 1)) for n in range(count)]
-    draws = drawn(one.scene, unknowns, _DRAWS, seed=1)
-    subject = Subject.of(
-        one.scene, one.quadrature, one.spectral, one.reference, least_emissivity=least_emissivity
+    scene, base = nominal(model.scene), model
+    if members_of(model.scene) > 1:
+        assert model.folder is not None
+        base = open_run(model.folder / NOMINAL)
+    pairs = zip(
+        drawn(model.scene, unknowns, _DRAWS, seed=1),
+        drawn(rival.scene, [item.of_scene(rival.scene) for item in unknowns], _DRAWS, seed=1),
+        strict=False,  # none of a model that does not vary
     )
+    traced = (model.scene, model.quadrature, model.spectral, model.reference)
+    subject = Subject.of(*traced, least_emissivity=least_emissivity)
 
     def seen(run: Run) -> Subject:
         return subject.of_model(run.scene, run.quadrature, run.spectral, run.reference)
 
-    view = SensorView.from_scene(one.scene)
+    view = SensorView.from_scene(model.scene)
     errors = {
         name: np.array([view.image(image).reshape(-1)[subject.places] for image in images])
-        for name, images in _errors(one).items()
+        for name, images in _errors(model).items()
     }
     wider = coarsened(scene, 2.0)
     return Rivals(
-        scene=one.scene,
+        scene=model.scene,
         model=subject,
-        rival=seen(other),
+        rival=seen(rival),
         about=seen(base),
         unknowns={
-            each.key: seen(trace(scene.with_(**each.values(1.0)), base)) for each in unknowns
+            item.key: seen(trace(scene.with_(**item.values(1.0)), base)) for item in unknowns
         },
-        draws=[(sizes, seen(trace(of, base))) for sizes, of in draws],
-        members=[seen(run) for run in members],
+        draws=[
+            (sizes, seen(trace(sample, base)), seen(trace(rival_sample, base)))
+            for (sizes, sample), (_, rival_sample) in pairs
+        ],
         coarser=[seen(trace(wider, None))] if not errors and wider != scene else [],
         errors=errors,
-        delay_s=spray_time_s(one.scene),
+        delay_s=spray_time_s(model.scene),
         band=band,
     )
 
@@ -113,10 +116,10 @@ def drawn(
     for number in range(count if varied or unknowns else 0):
         sizes = rng.standard_normal(len(unknowns))
         values: dict[str, float] = {"spray.scatter.seed": int(rng.integers(2**31))}
-        for one, size in zip(unknowns, sizes, strict=True):
-            values |= one.values(float(size))
-        other = scene.with_(**values)
-        scenes.append((sizes, member(other, number + 1) if varied else nominal(other)))
+        for unknown, size in zip(unknowns, sizes, strict=True):
+            values |= unknown.values(float(size))
+        sample = scene.with_(**values)
+        scenes.append((sizes, member(sample, number + 1) if varied else nominal(sample)))
     return scenes
 
 
@@ -125,7 +128,7 @@ def _errors(run: Run) -> dict[str, tuple[Floats, Floats]]:
 
     Omitted physics is the models' own, and the scatter of injections is counted as such.
     """
-    found: dict[str, tuple[Floats, Floats]] = {}
+    errors: dict[str, tuple[Floats, Floats]] = {}
     for cause in () if run.errors is None else run.errors.causes:
         if cause.error_K is None or cause.shared_by == OMISSION:
             continue
@@ -137,5 +140,5 @@ def _errors(run: Run) -> dict[str, tuple[Floats, Floats]]:
             cause.name, np.full(shape, cause.emissivity or 0.0, np.float32)
         )
         kelvin, emissivity = (np.nan_to_num(image).astype(float) for image in (of_K, of_e))
-        found[f"{cause.name} of the simulation"] = kelvin, emissivity
-    return found
+        errors[f"{cause.name} of the simulation"] = kelvin, emissivity
+    return errors

@@ -36,80 +36,91 @@ class Unshared:
     code: rooms of the package whose sources differ.
     """
 
-    one: Shown
-    other: Shown
+    baseline: Shown
+    compared: Shown
     shared: tuple[str, ...] = ()
     tested: tuple[str, ...] = ()
     code: tuple[str, ...] = ()
 
 
-def unshared(one: Shown, other: Shown) -> Unshared:
+def unshared(baseline: Shown, compared: Shown) -> Unshared:
     """Both with the errors that explain their difference.
 
     The errors of a recording are its noise, and those of the trace that was recorded. Compared with
     a measurement, all errors of a trace count.
     """
-    if one.traced is None or other.traced is None:
-        return Unshared(_counted(one, set()), _counted(other, set()))
-    first, second = one.traced, other.traced
-    code = _other_code(first, second)
-    parts = _same_parts(first, second, code)
-    causes = {cause for run in (first, second) for cause in _causes(run)}
-    omitted = {one.name for one in causes if one.shared_by == OMISSION}
+    if baseline.traced is None or compared.traced is None:
+        return Unshared(_counted(baseline, set()), _counted(compared, set()))
+    run, compared_run = baseline.traced, compared.traced
+    code = _other_code(run, compared_run)
+    parts = _same_parts(run, compared_run, code)
+    causes = {cause for traced in (run, compared_run) for cause in _causes(traced)}
+    omitted = {cause.name for cause in causes if cause.shared_by == OMISSION}
     tested = {
-        one.name
-        for one in causes
-        if one.name in omitted and _value(first.scene, one.fixed) != _value(second.scene, one.fixed)
+        cause.name
+        for cause in causes
+        if cause.name in omitted
+        and _value(run.scene, cause.fixed) != _value(compared_run.scene, cause.fixed)
     }
-    shared = {one.name for one in causes if one.shared_by in parts} | omitted - tested
-    others = None if "" in parts else _other_rays(first, second)
-    sampled = {one.name for one in causes if one.shared_by == "pixels" and "pixels" in parts}
-    sampled = sampled if others is not None else set()
-    inside = dict.fromkeys(sampled, others)
+    shared = {cause.name for cause in causes if cause.shared_by in parts} | omitted - tested
+    other_rays = None if "" in parts else _other_rays(run, compared_run)
+    sampled = {cause.name for cause in causes if cause.shared_by == "pixels" and "pixels" in parts}
+    sampled = sampled if other_rays is not None else set()
+    inside = dict.fromkeys(sampled, other_rays)
     shared -= sampled
     less = [
-        _counted(each, shared | tested, same="" in parts, inside=inside) for each in (one, other)
+        _counted(shown, shared | tested, same="" in parts, inside=inside)
+        for shown in (baseline, compared)
     ]
     names = sorted(shared)
-    if others is not None and not others.all():
-        of = f"in {np.count_nonzero(~others)} of {others.size} pixels"
+    if other_rays is not None and not other_rays.all():
+        of = f"in {np.count_nonzero(~other_rays)} of {other_rays.size} pixels"
         names += [f"{name} {of}" for name in sorted(sampled)]
     return Unshared(less[0], less[1], tuple(names), tuple(sorted(tested)), code)
 
 
-def _other_code(one: Run, other: Run) -> tuple[str, ...]:
+def _other_code(baseline: Run, compared: Run) -> tuple[str, ...]:
     """Rooms whose sources differ; all of them if only versions or commits are known, and differ."""
-    origins = [run.info.origin for run in (one, other)]
+    origins = [run.info.origin for run in (baseline, compared)]
     codes = [{} if origin is None else origin.code for origin in origins]
     if all(codes):
         return tuple(room for room in ROOMS if codes[0].get(room) != codes[1].get(room))
     commits = [origin and origin.commit for origin in origins]
-    versions = [run.info.versions.get("cldit") for run in (one, other)]
+    versions = [run.info.versions.get("cldit") for run in (baseline, compared)]
     return () if commits[0] == commits[1] and versions[0] == versions[1] else tuple(ROOMS)
 
 
-def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
+def _same_parts(baseline: Run, compared: Run, code: Sequence[str] = ()) -> set[str]:
     """Parts of a run (`cldit.accuracy.errors.PARTS`) that are the same in both."""
-    if one is other or (one.folder is not None and one.folder == other.folder):
+    if baseline is compared or (baseline.folder is not None and baseline.folder == compared.folder):
         return {*PARTS, ""}
     changed = {part for room, part in ROOMS.items() if room in code}
-    first, second = one.scene, other.scene
-    plans = [run.info.plan or {} for run in (one, other)]
+    scene, compared_scene = baseline.scene, compared.scene
+    plans = [run.info.plan or {} for run in (baseline, compared)]
 
     def planned(keys: tuple[str, ...]) -> bool:
         return all(plans[0].get(key) == plans[1].get(key) for key in keys)
 
-    files = [[file.sha256 for file in run.info.files] for run in (one, other)]
-    same = without_scatter(first) == without_scatter(second) and files[0] == files[1]
+    files = [[file.sha256 for file in run.info.files] for run in (baseline, compared)]
+    same = without_scatter(scene) == without_scatter(compared_scene) and files[0] == files[1]
     same &= "spray" not in changed
     spray, classes = same and planned(_LATTICE), same and planned(_CLASSES)
-    both = spray and classes
-    optics = both and first.optics == second.optics and one.quadrature == other.quadrature
+    sizes = spray and classes
+    optics = (
+        sizes
+        and scene.optics == compared_scene.optics
+        and baseline.quadrature == compared.quadrature
+    )
     optics &= "optics" not in changed
-    cells = both and first.domain == second.domain and planned(_CELLS) and "cells" not in changed
+    cells = (
+        sizes
+        and scene.domain == compared_scene.domain
+        and planned(_CELLS)
+        and "cells" not in changed
+    )
     # Pixels miss the same part of a spray, whatever its lattice is, where their rays are the same.
-    pixels = same and first.camera == second.camera and "pixels" not in changed
-    found = {
+    pixels = same and scene.camera == compared_scene.camera and "pixels" not in changed
+    same_parts = {
         "spray": spray,
         "classes": classes,
         "optics": optics,
@@ -118,23 +129,26 @@ def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
         "seed": optics
         and cells
         and pixels
-        and _other_rays(one, other) is None
-        and first.transport == second.transport
+        and _other_rays(baseline, compared) is None
+        and scene.transport == compared_scene.transport
         and "seed" not in changed,
     }
-    return {name for name, each in found.items() if each}
+    return {name for name, equal in same_parts.items() if equal}
 
 
-def _other_rays(one: Run, other: Run) -> Mask | None:
+def _other_rays(baseline: Run, compared: Run) -> Mask | None:
     """Pixels (H, W) whose rays differ, or are not recorded; None if there are none."""
-    if any(run.scene.camera.rays_across is not None for run in (one, other)):
+    if any(run.scene.camera.rays_across is not None for run in (baseline, compared)):
         return None  # those of the scene
-    if one.scene.transport.method != "source" or one.maps.reason.shape != other.maps.reason.shape:
+    if (
+        baseline.scene.transport.method != "source"
+        or baseline.maps.reason.shape != compared.maps.reason.shape
+    ):
         return None
-    if one.rays is None or other.rays is None:
-        return None if one is other else np.ones(one.maps.reason.shape, bool)
-    others: Mask = one.rays != other.rays
-    return others if others.any() else None
+    if baseline.rays is None or compared.rays is None:
+        return None if baseline is compared else np.ones(baseline.maps.reason.shape, bool)
+    different: Mask = baseline.rays != compared.rays
+    return different if different.any() else None
 
 
 def _value(scene: Scene, key: str) -> Any:
@@ -166,45 +180,47 @@ def _counted(
         return shown
     if run.errors is None or run.errors.why:  # an old run, without audit, or without T_app
         return replace(shown, error_K=0.0) if same and shown.run is not None else shown
-    left = [one for one in run.errors.causes if one.name not in names]
-    known = [cause for cause in left if cause.error_K is not None]
+    remaining = [cause for cause in run.errors.causes if cause.name not in names]
+    stated = [cause for cause in remaining if cause.error_K is not None]
     of_run = None if shown.run is not None else shown.maps
     members = Members.of(run, recorded=of_run) if shown.error_map_K is not None else None
-    more: tuple[Part, ...] = ()
+    common: tuple[Part, ...] = ()
     rest: list[Image] = []
     if members is not None:
-        if any(cause.name == INJECTIONS for cause in known):
+        if any(cause.name == INJECTIONS for cause in stated):
             of_mean = members.of_mean
-            more, rest = of_mean.parts, [of_mean.rest_K2]
-            known = [cause for cause in known if cause.name != INJECTIONS]
+            common, rest = of_mean.parts, [of_mean.rest_K2]
+            stated = [cause for cause in stated if cause.name != INJECTIONS]
         if shown.noisy:
-            more += members.of_shots(run.scene.plan.shots)
-    own = (0.0, 0.0) if shown.run is not None else (shown.error_K, shown.emissivity_error)
-    square, square_e = ((error or 0.0) ** 2 for error in own)
-    for cause in known:
+            common += members.of_shots(run.scene.plan.shots)
+    of_noise = (0.0, 0.0) if shown.run is not None else (shown.error_K, shown.emissivity_error)
+    square, square_e = ((error or 0.0) ** 2 for error in of_noise)
+    for cause in stated:
         counted = inside.get(cause.name)
         share = 1.0 if counted is None else float(np.mean(counted))
         square += share * (cause.error_K or 0.0) ** 2
-    square_e += sum((cause.emissivity or 0.0) ** 2 for cause in left)
+    square_e += sum((cause.emissivity or 0.0) ** 2 for cause in remaining)
     map_K = shown.error_map_K
     if map_K is not None:
         noise_K = np.where(np.isfinite(map_K), 0.0 if shown.run is not None else map_K, np.nan)
-        images = {one.name: _map_of(shown, one, map_K, inside.get(one.name)) for one in known}
+        images = {
+            cause.name: _map_of(shown, cause, map_K, inside.get(cause.name)) for cause in stated
+        }
         rest += [image**2 for image in images.values()]
-        rest += [part.kelvin**2 for part in more]
-        more += tuple(
+        rest += [part.kelvin**2 for part in common]
+        common += tuple(
             Part(name=cause.name, kelvin=_COMMON * images[cause.name], emissivity=0.0 * map_K)
-            for cause in known
+            for cause in stated
             if cause.shared_by not in _OWN
         )
         map_K = np.sqrt(sum(rest, noise_K**2))
     return replace(
         shown,
-        common=shown.common + more,
+        common=shown.common + common,
         error_K=square**0.5,
         error_map_K=map_K,
         emissivity_error=square_e**0.5,
-        at_least=any(cause.error_K is None for cause in left),
+        at_least=any(cause.error_K is None for cause in remaining),
     )
 
 
@@ -212,10 +228,10 @@ def _map_of(shown: Shown, cause: Cause, like: Image, inside: Mask | None) -> Ima
     """Error of a source in each pixel; the same in all if it has no map."""
     run = shown.traced
     assert run is not None and cause.error_K is not None
-    known = run.error_maps.get(cause.name)
-    here = np.ones(run.maps.reason.shape) if inside is None else inside.astype(np.float64)
-    if known is not None:
-        here = here * np.nan_to_num(known.astype(np.float64)) ** 2
-    if here.shape != like.shape:
-        here = SensorView.from_scene(run.scene).image(here)
-    return np.sqrt(here) * (cause.error_K if known is None else 1.0)
+    error_map = run.error_maps.get(cause.name)
+    square = np.ones(run.maps.reason.shape) if inside is None else inside.astype(np.float64)
+    if error_map is not None:
+        square = square * np.nan_to_num(error_map.astype(np.float64)) ** 2
+    if square.shape != like.shape:
+        square = SensorView.from_scene(run.scene).image(square)
+    return np.sqrt(square) * (cause.error_K if error_map is None else 1.0)

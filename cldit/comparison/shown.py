@@ -65,8 +65,8 @@ class Shown:
         """Variance (H, W) of errors that pixels do not share; None if no error is stated."""
         if self.error_K is None and self.error_map_K is None:
             return None
-        whole = np.full(self.maps.emissivity.shape, self.error_K or 0.0)
-        square: Image = (whole if self.error_map_K is None else self.error_map_K) ** 2
+        uniform_K = np.full(self.maps.emissivity.shape, self.error_K or 0.0)
+        square: Image = (uniform_K if self.error_map_K is None else self.error_map_K) ** 2
         for part in self.common:
             square = square - np.nan_to_num(part.kelvin) ** 2
         return np.maximum(square, 0.0)
@@ -76,21 +76,21 @@ class Shown:
         """Covariance (H, W) of the errors of emissivity and T_app that pixels do not share; NaN if
         their correlation is unknown."""
         maps = self.maps
-        both: Image = (
+        covariance: Image = (
             maps.error_correlation.astype(np.float64)
             * maps.emissivity_standard_error
             * maps.apparent_temperature_standard_error_K
         )
         for part in self.common:
-            both = both - np.nan_to_num(part.kelvin) * np.nan_to_num(part.emissivity)
-        return both
+            covariance = covariance - np.nan_to_num(part.kelvin) * np.nan_to_num(part.emissivity)
+        return covariance
 
     @property
     def grid(self) -> str:
         """Description of the pixels."""
         rows, columns = self.maps.emissivity.shape
         width, height = (1e3 * n * p for n, p in zip((columns, rows), self.pixel_m, strict=True))
-        x, z = (1e3 * one for one in self.centre_m)
+        x, z = (1e3 * coordinate_m for coordinate_m in self.centre_m)
         return (
             f"{columns} x {rows} pixels over {width:.4g} x {height:.4g} mm around x {x:.4g}, "
             f"z {z:.4g} mm"
@@ -123,7 +123,7 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
     traced = None if isinstance(opened, Measured) else _recorded_run(opened.folder)
     maps = Maps.load(folder)
-    found = recorded(
+    recording = recorded(
         str(place),
         maps,
         opened.pixel_m,
@@ -134,14 +134,14 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     )
     filter_um = from_plain(opened.calibration["filter_um"])
     spread_K = opened.surroundings.uncertainty.wall_temperature_K if traced is None else 0.0
-    return replace(found, filter_um=edges_um(filter_um), walls_spread_K=spread_K)
+    return replace(recording, filter_um=edges_um(filter_um), walls_spread_K=spread_K)
 
 
 def _recorded_run(folder: Path) -> Run | None:
     """Run whose light an acquisition contains: that around it, or that its simulated rig names."""
-    around = folder.resolve().parent
-    if (around / "scene.yaml").is_file():
-        return open_run(around)
+    parent = folder.resolve().parent
+    if (parent / "scene.yaml").is_file():
+        return open_run(parent)
     file = folder / RIG
     rig = read_mapping(file) if file.is_file() else {}
     settings = (rig.get("bench") or {}).get("settings") or {}
@@ -154,7 +154,7 @@ def _recorded_run(folder: Path) -> Run | None:
 
 def _traced(run: Run, name: str) -> Shown:
     x, _, z = run.scene.target_m
-    known, errors, maps = run.error_maps.get(TOTAL), run.errors, run.maps
+    total_K, errors, maps = run.error_maps.get(TOTAL), run.errors, run.maps
     if TOTAL in run.emissivity_error_maps:  # a trace has no noise of a sensor
         maps = replace(maps, emissivity_standard_error=run.emissivity_error_maps[TOTAL])
     return Shown(
@@ -164,7 +164,7 @@ def _traced(run: Run, name: str) -> Shown:
         centre_m=(x, z),
         error_K=run.info.accuracy_K if errors is None else errors.total_K,
         at_least=errors is not None and bool(errors.unknown),
-        error_map_K=None if known is None else known.astype(np.float64),
+        error_map_K=None if total_K is None else total_K.astype(np.float64),
         emissivity_error=None if errors is None else errors.total_emissivity,
         scene=run.scene,
         run=run,
@@ -192,8 +192,8 @@ def _recorded_by(run: Run, name: str) -> Shown:
 
 def _degrees(maps: Path) -> Sequence[float]:
     """Degrees of freedom of an evaluation by background; none for one of an older version."""
-    found = maps / "evaluation.json"
-    return read_json(found).get("degrees_of_freedom", ()) if found.is_file() else ()
+    file = maps / "evaluation.json"
+    return read_json(file).get("degrees_of_freedom", ()) if file.is_file() else ()
 
 
 def recorded(
@@ -215,17 +215,17 @@ def recorded(
     The setup of a simulated rig is as stated: its recording has no systematic errors.
     """
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
-    known = np.isfinite(error_K) & np.isfinite(maps.apparent_temperature_K)
-    square = maps.emissivity_standard_error[known].astype(np.float64) ** 2
+    finite = np.isfinite(error_K) & np.isfinite(maps.apparent_temperature_K)
+    square = maps.emissivity_standard_error[finite].astype(np.float64) ** 2
     return Shown(
         name=name,
         maps=maps,
         pixel_m=pixel_m,
         centre_m=centre_m,
-        error_K=float(np.sqrt(np.mean(error_K[known] ** 2))) if known.any() else None,
+        error_K=float(np.sqrt(np.mean(error_K[finite] ** 2))) if finite.any() else None,
         error_map_K=error_K,
-        emissivity_error=float(np.sqrt(np.nanmean(square))) if known.any() else None,
-        common=tuple(replace(one, degrees=sum(degrees) or math.inf) for one in parts[1]),
+        emissivity_error=float(np.sqrt(np.nanmean(square))) if finite.any() else None,
+        common=tuple(replace(part, degrees=sum(degrees) or math.inf) for part in parts[1]),
         systematic=() if traced is not None else parts[0],
         noisy=True,
         degrees=min(degrees, default=math.inf),

@@ -5,8 +5,9 @@ The difference may be of any quantity: its independent variance and the modes ar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,14 +19,29 @@ from cldit.comparison.chi_square import (
     combined_degrees,
     probability,
 )
-from cldit.comparison.modes import Mode, shared_modes
 from cldit.comparison.regions import Spray2D, positions_m
 from cldit.comparison.shown import Shown
+from cldit.dit.budget import Part
 
 _ROUNDED_K = 2e-3  # single precision on different devices
 _CLEAR = 5.0  # standard errors of the emissivity, in pixels that count
 _MOST_MODES = 16
 _LEAST_PIXELS = 4  # of a region
+
+
+@dataclass(frozen=True)
+class Mode:
+    """An error that all pixels share: changes (H, W) of the differences by one standard deviation.
+
+    size: the value that fits the difference best, in standard deviations. degrees: of freedom of
+    the estimate of this standard deviation.
+    """
+
+    name: str
+    kelvin: Floats = field(repr=False)
+    emissivity: Floats = field(repr=False)
+    size: float = 0.0
+    degrees: float = math.inf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +104,7 @@ class Tested:
     def again(self, change_K: Floats, name: str = "all") -> ChiSquare | None:
         """Chi-square of another change (H, W) with the same errors, in a region."""
         kelvin = np.array([mode.kelvin for mode in self.modes]).reshape(-1, *change_K.shape)
-        parts = [each for part, each in self.where.items() if part != "all"]
+        parts = [mask for part, mask in self.where.items() if part != "all"]
         return chi_square(
             change_K,
             self.own_K,
@@ -99,21 +115,21 @@ class Tested:
         )
 
 
-def tested(change_K: Floats, one: Shown, other: Shown, of_view: Sequence[Floats]) -> Tested:
+def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence[Floats]) -> Tested:
     """Test of a change of T_app; `of_view` are changes by the errors of an alignment."""
-    spray = seen_in_both(one, other)
+    spray = seen_in_both(baseline, compared)
     regions = spray.regions
-    modes = shared_modes(one, other) + tuple(
+    modes = shared_modes(baseline, compared) + tuple(
         Mode(f"view {number}", kelvin, 0.0 * kelvin)
         for number, kelvin in enumerate(of_view, start=1)
     )
-    first, second = (each.independent_K2 for each in (one, other))
+    of_baseline, of_compared = (shown.independent_K2 for shown in (baseline, compared))
     nothing = np.full(change_K.shape, np.nan)
-    if first is None or second is None:
-        known = np.isfinite(change_K)
+    if of_baseline is None or of_compared is None:
+        finite = np.isfinite(change_K)
         return Tested(
             regions={
-                name: RegionDifference(pixels=int(np.count_nonzero(where & known)))
+                name: RegionDifference(pixels=int(np.count_nonzero(where & finite)))
                 for name, where in regions.items()
             },
             modes=(),
@@ -123,37 +139,44 @@ def tested(change_K: Floats, one: Shown, other: Shown, of_view: Sequence[Floats]
             degrees=(np.inf, np.inf),
             where=regions,
         )
-    variance = first + second + _ROUNDED_K**2
-    known = spray.visible & np.isfinite(variance)
-    weights = [float(np.sum(mode.kelvin[known] ** 2 / variance[known])) for mode in modes]
+    variance = of_baseline + of_compared + _ROUNDED_K**2
+    finite = spray.visible & np.isfinite(variance)
+    weights = [float(np.sum(mode.kelvin[finite] ** 2 / variance[finite])) for mode in modes]
     kept = sorted(np.argsort(weights)[::-1][:_MOST_MODES])
     for number, mode in enumerate(modes):
         if number not in kept:  # as if it were independent
             variance = variance + mode.kelvin**2
     modes = tuple(modes[number] for number in kept)
-    shares = [float(np.sum(square[known] / variance[known])) for square in (first, second)]
-    found = Tested(
+    shares = [
+        float(np.sum(square[finite] / variance[finite])) for square in (of_baseline, of_compared)
+    ]
+    statistic = Tested(
         regions={},
         modes=modes,
         own_K=np.sqrt(variance),
         error_K=np.sqrt(variance + sum((mode.kelvin**2 for mode in modes), 0.0)),
         residuals=nothing,
         degrees=(
-            combined_degrees(shares, [each.degrees for each in (one, other)], whole=known.sum()),
+            combined_degrees(
+                shares,
+                [shown.degrees for shown in (baseline, compared)],
+                total_variance=finite.sum(),
+            ),
             combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes]),
         ),
         where=regions,
     )
-    results = {name: found.again(change_K, name) for name in regions}
-    whole = results["all"]
-    sizes = [0.0] * len(modes) if whole is None else whole.sizes.tolist()
+    results = {name: statistic.again(change_K, name) for name in regions}
+    of_all = results["all"]
+    sizes = [0.0] * len(modes) if of_all is None else of_all.sizes.tolist()
     return replace(
-        found,
+        statistic,
         regions={
-            name: _region(change_K, found.own_K, modes, result) for name, result in results.items()
+            name: _region(change_K, statistic.own_K, modes, result)
+            for name, result in results.items()
         },
         modes=tuple(replace(m, size=size) for m, size in zip(modes, sizes, strict=True)),
-        residuals=nothing if whole is None else whole.residuals,
+        residuals=nothing if of_all is None else of_all.residuals,
     )
 
 
@@ -161,37 +184,70 @@ def _region(
     change_K: Floats,
     error_K: Floats,
     modes: tuple[Mode, ...],
-    found: ChiSquare | None,
+    result: ChiSquare | None,
 ) -> RegionDifference:
-    if found is None or found.pixels < _LEAST_PIXELS:
-        return RegionDifference(pixels=0 if found is None else found.pixels)
-    known = np.isfinite(found.residuals)
-    square = float(np.sum(error_K[known] ** 2)) * found.correlated / found.pixels**2
-    square += sum(float(np.mean(mode.kelvin[known])) ** 2 for mode in modes)
+    if result is None or result.pixels < _LEAST_PIXELS:
+        return RegionDifference(pixels=0 if result is None else result.pixels)
+    finite = np.isfinite(result.residuals)
+    square = float(np.sum(error_K[finite] ** 2)) * result.correlated / result.pixels**2
+    square += sum(float(np.mean(mode.kelvin[finite])) ** 2 for mode in modes)
     return RegionDifference(
-        pixels=found.pixels,
-        effective_pixels=found.effective,
-        rms_K=float(np.sqrt(np.mean(change_K[known] ** 2))),
-        mean_K=float(np.mean(change_K[known])),
+        pixels=result.pixels,
+        effective_pixels=result.effective,
+        rms_K=float(np.sqrt(np.mean(change_K[finite] ** 2))),
+        mean_K=float(np.mean(change_K[finite])),
         mean_error_K=square**0.5,
-        chi2_reduced=found.reduced,
-        p_value=found.p_value,
-        seen_K=found.seen,
+        chi2_reduced=result.reduced,
+        p_value=result.p_value,
+        seen_K=result.seen,
     )
 
 
-def seen_in_both(one: Shown, other: Shown) -> Spray2D:
+def seen_in_both(baseline: Shown, compared: Shown) -> Spray2D:
     """Spray that is visible in both, by the emissivity of the one without noise, or by the mean.
 
     An emissivity that is noisy would select pixels by their noise, which that of T_app follows. It
     must exceed 5 standard errors, for T_app is divided by it.
     """
-    quiet = [each for each in (one, other) if not each.noisy] or [one, other]
-    emissivity = np.mean([each.maps.emissivity for each in quiet], axis=0, dtype=float)
-    known = np.isfinite(emissivity)
-    for each in (one, other):
-        known &= np.isfinite(each.maps.apparent_temperature_K)
-        if each.noisy:
-            known &= emissivity > _CLEAR * each.maps.emissivity_standard_error
-    x_m, z_m = positions_m(emissivity.shape, pixel_m=one.pixel_m, centre_m=one.centre_m)
-    return Spray2D(emissivity=emissivity, x_m=x_m, z_m=z_m, known=known)
+    quiet = [shown for shown in (baseline, compared) if not shown.noisy] or [baseline, compared]
+    emissivity = np.mean([shown.maps.emissivity for shown in quiet], axis=0, dtype=float)
+    finite = np.isfinite(emissivity)
+    for shown in (baseline, compared):
+        finite &= np.isfinite(shown.maps.apparent_temperature_K)
+        if shown.noisy:
+            finite &= emissivity > _CLEAR * shown.maps.emissivity_standard_error
+    x_m, z_m = positions_m(emissivity.shape, pixel_m=baseline.pixel_m, centre_m=baseline.centre_m)
+    return Spray2D(emissivity=emissivity, x_m=x_m, z_m=z_m, counted=finite)
+
+
+def shared_modes(baseline: Shown, compared: Shown) -> tuple[Mode, ...]:
+    """Errors that all pixels share; a systematic error of the same name is the same in both.
+
+    With both corrected for a quantity that is larger by s of its spreads they are equal if other +
+    s change(other) = one + s change(one).
+    """
+    modes = [
+        Mode(
+            f"{part.name} of {result.name}",
+            sign * np.nan_to_num(part.kelvin),
+            sign * np.nan_to_num(part.emissivity),
+            degrees=part.degrees,
+        )
+        for result, sign in ((baseline, -1.0), (compared, 1.0))
+        for part in result.common
+    ]
+    of_baseline, of_compared = (
+        {part.name: part for part in result.systematic} for result in (baseline, compared)
+    )
+    zero = np.zeros(baseline.maps.emissivity.shape)
+    nothing = Part(name="", kelvin=zero, emissivity=zero)
+    for name in dict.fromkeys((*of_baseline, *of_compared)):
+        part, part_compared = (parts.get(name, nothing) for parts in (of_baseline, of_compared))
+        modes.append(
+            Mode(
+                name,
+                np.nan_to_num(part.kelvin - part_compared.kelvin),
+                np.nan_to_num(part.emissivity - part_compared.emissivity),
+            )
+        )
+    return tuple(modes)

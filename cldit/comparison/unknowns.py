@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,10 @@ class Unknown:
         sizes = {path: size * (abs(value) if share else 1.0) for path, value in means.items()}
         return cls(key, f"{key} ({deviation})", means, sizes)
 
+    def of_scene(self, scene: Scene) -> Unknown:
+        """The same deviations about the values of another scene."""
+        return replace(self, means={path: value_at(scene, path) for path in self.means})
+
     def values(self, deviations: float) -> dict[str, float]:
         """Values of the paths, so many deviations above those of the scene."""
         return {
@@ -73,14 +77,14 @@ def unknowns_of(
 ) -> tuple[Unknown, ...]:
     """Unknowns of a mapping or YAML file, `KEY: DEVIATION`; of `DEFAULT`, those the scene has."""
     named = "" if isinstance(data, Mapping) else f"{data}: "
-    given = data if isinstance(data, Mapping) else read_mapping(Path(data), error=StudyError)
-    found = []
-    for key, value in given.items():
+    deviations = data if isinstance(data, Mapping) else read_mapping(Path(data), error=StudyError)
+    unknowns = []
+    for key, value in deviations.items():
         try:
-            found.append(Unknown.of(key, value, scene))
+            unknowns.append(Unknown.of(key, value, scene))
         except SceneError as error:
             if data is not DEFAULT:  # with a key of another model or distribution
                 raise StudyError(f"{named}{error}") from error
         except StudyError as error:
             raise StudyError(f"{named}{error}") from error
-    return tuple(found)
+    return tuple(unknowns)

@@ -27,7 +27,7 @@ class Verdict:
     """
 
     differs: bool | None
-    why: str = ""
+    reason: str = ""
     region: str = "all"
     effect_K: float | None = None
     error_K: float | None = None
@@ -55,12 +55,12 @@ class Verdict:
     def text(self) -> str:
         """Result of the test, effect and power in one sentence."""
         if self.p_value is None or self.interval_K is None:
-            return self.why
+            return self.reason
         if self.differs:
             start = f"differs in {self.region}" if self.region != "all" else "differs"
         else:
             start = "no difference is seen" if self.power else "no power"
-        known = ", with errors as far as they are known" if self.at_least else ""
+        bound = ", with errors as far as they are known" if self.at_least else ""
         low, high = self.interval_K
         where = "" if self.region == "all" else f" in {self.region}"
         seen = (
@@ -68,30 +68,30 @@ class Verdict:
             if self.seen_K is not None and self.seen_K < 1e3
             else "a change of all pixels is not seen, however large"
         )
-        more = "" if self.power else "; the stated errors are larger than all that differs"
+        remark = "" if self.power else "; the stated errors are larger than all that differs"
         return (
-            f"{start} ({probability(self.p_value)}{known}): T_app{where} {self.effect_K:+.2g} K, "
-            f"95 % between {low:+.2g} and {high:+.2g} K, RMS {self.rms_K:.2g} K; {seen}{more}"
+            f"{start} ({probability(self.p_value)}{bound}): T_app{where} {self.effect_K:+.2g} K, "
+            f"95 % between {low:+.2g} and {high:+.2g} K, RMS {self.rms_K:.2g} K; {seen}{remark}"
         )
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The text after the keys that differ, and before the causes."""
-        found = [self.text]
-        keys = [one for one in self.keys if not one.key.startswith(_NOT_SEEN)]
+        lines = [self.text]
+        keys = [key for key in self.keys if not key.key.startswith(_NOT_SEEN)]
         if keys:
-            more = f" and {len(keys) - _KEYS} more" if len(keys) > _KEYS else ""
-            found.insert(0, f"keys: {'; '.join(one.text for one in keys[:_KEYS])}{more}")
+            further = f" and {len(keys) - _KEYS} more" if len(keys) > _KEYS else ""
+            lines.insert(0, f"keys: {'; '.join(key.text for key in keys[:_KEYS])}{further}")
         if self.causes:
-            best, *others = self.causes
+            best, *alternatives = self.causes
             rest = (
                 "explains it"
                 if best.p_value >= LEVEL
                 else f"explains {100 * best.share:.0f} % of it"
             )
-            found.append(f"best cause: {best.text} ({rest})")
-            if others:
-                found.append(f"as good: {'; '.join(one.text for one in others)}")
+            lines.append(f"best cause: {best.text} ({rest})")
+            if alternatives:
+                lines.append(f"as good: {'; '.join(cause.text for cause in alternatives)}")
         elif self.differs:
-            found.append("no stated error, and no temperature of walls or background, explains it")
-        return tuple(found)
+            lines.append("no stated error, and no temperature of walls or background, explains it")
+        return tuple(lines)

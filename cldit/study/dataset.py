@@ -78,7 +78,7 @@ class SweepFolder:
     def done(self) -> set[int]:
         """Numbers of the scenes in the store."""
         points = self.path / "points"
-        return {int(each.stem) for each in points.glob("*.json")} if points.is_dir() else set()
+        return {int(mark.stem) for mark in points.glob("*.json")} if points.is_dir() else set()
 
     def write(self, point: Point, result: Result, *, worker: str, seconds: float) -> None:
         """Writes the result of a scene into the store, and then its mark."""
@@ -90,18 +90,18 @@ class SweepFolder:
             for name, value in {**result.figures, "seconds": seconds}.items():
                 store[name][point.place] = value
         mark = self.path / "points" / f"{point.number}.json"
-        text = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
-        write_text(mark, text)
+        content = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
+        write_text(mark, content)
 
 
 def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     """Makes the folder of a sweep, or finds it again."""
     axes = [[axis.name, axis.key, list(axis.values)] for axis in grid.axes]
     about = {"format": _FORMAT, "axes": axes, "scene": digest(base.model_dump(mode="json"))}
-    known = path / "study.json"
+    record = path / "study.json"
     folder = SweepFolder(path, grid)
-    if known.is_file():
-        if read_json(known, error=StudyError) != about:
+    if record.is_file():
+        if read_json(record, error=StudyError) != about:
             raise StudyError(
                 f"{path}: has the sweep of another grid or scene, or of another version; give "
                 "another folder with --out"
@@ -110,14 +110,14 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
         return folder
     check_folder(path)
     make_folder(path)
-    write_text(known, json.dumps(about, indent=1))  # first: it says what the folder is
+    write_text(record, json.dumps(about, indent=1))  # first: it says what the folder is
     _make_store(path, base, grid)
     return folder
 
 
 def check_folder(path: Path) -> None:
     """Raises StudyError if a folder has other contents than a sweep, or the beginning of one."""
-    names = {each.name for each in path.iterdir()} if path.is_dir() else set()
+    names = {entry.name for entry in path.iterdir()} if path.is_dir() else set()
     begun = names <= {LOCK, "points", _STORE} and not any((path / "points").glob("*"))
     if not is_empty(path) and not begun and "study.json" not in names:
         raise StudyError(f"{path}: is not empty and has no sweep; give another folder with --out")
@@ -143,7 +143,7 @@ def _template(base: Scene, grid: Grid) -> xarray.Dataset:
         1e3 * size / count
         for size, count in zip(base.camera.field_m, base.camera.pixels, strict=True)
     )
-    x, _, z = (1e3 * one for one in base.target_m)
+    x, _, z = (1e3 * coordinate_m for coordinate_m in base.target_m)
     names = [axis.name for axis in grid.axes]
     coords: dict[str, Any] = {
         axis.name: (axis.name, _labels(axis.values), {"units": axis.unit, "scene_key": axis.key})

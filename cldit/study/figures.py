@@ -20,12 +20,12 @@ def maps_sheet(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) 
     """Several maps of T_app in one scale, paler where the emissivity is low."""
     shown = {name: (run.maps, frame_of(run.scene)) for name, run in runs.items()}
     scale = Scale.of(maps for maps, _ in shown.values())
-    window = joined([spray_window(*each) for each in shown.values()])
+    window = joined([spray_window(*image) for image in shown.values()])
     panels = [
         map_panel(maps, scale, title=name, paper=False, frame=frame)
         for name, (maps, frame) in shown.items()
     ]
-    reasons = set().union(*(reasons_in(*each, window) for each in shown.values()))
+    reasons = set().union(*(reasons_in(*image, window) for image in shown.values()))
     legend = map_legend(reasons, scale, paper=False)
     return panels_figure(
         panels, title=title, window=window, columns=columns, shared=True, legend=legend

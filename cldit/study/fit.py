@@ -56,9 +56,9 @@ class Parameter:
     prior: tuple[float, float] | None = None
 
     @classmethod
-    def parse(cls, text: str, scene: Scene) -> Parameter:
+    def parse(cls, argument: str, scene: Scene) -> Parameter:
         """Reads `KEY=LOW:HIGH` or `KEY=LOW:HIGH:MEAN:DEVIATION`; it starts at the scene's value."""
-        name, _, values = text.partition("=")
+        name, _, values = argument.partition("=")
         key = ALIASES.get(name.strip(), name.strip())
         try:
             numbers = [float(part) for part in values.split(":")]
@@ -66,7 +66,7 @@ class Parameter:
             numbers = []
         if len(numbers) not in (2, 4) or not all(map(math.isfinite, numbers)):
             raise StudyError(
-                f"--vary {text}: allowed: KEY=LOW:HIGH, or KEY=LOW:HIGH:MEAN:DEVIATION with a "
+                f"--vary {argument}: allowed: KEY=LOW:HIGH, or KEY=LOW:HIGH:MEAN:DEVIATION with a "
                 "prior, such as spray.injected_mass_kg=8e-6:12e-6"
             )
         low, high, *prior = numbers
@@ -77,14 +77,15 @@ class Parameter:
             raise StudyError(f"--vary {key}: a seed has no derivative; allowed: other numbers")
         if not low < high or not low <= start <= high:
             raise StudyError(
-                f"--vary {text}: the scene has {start:g}; allowed: bounds that rise and include it"
+                f"--vary {argument}: the scene has {start:g}; allowed: bounds that rise and "
+                "include it"
             )
         if prior and not prior[1] > 0.0:
-            raise StudyError(f"--vary {text}: deviation {prior[1]:g}; allowed: above 0")
+            raise StudyError(f"--vary {argument}: deviation {prior[1]:g}; allowed: above 0")
         for bound in (low, high):
             scene.with_(**{key: bound})  # refuses what is not allowed
-        given = (prior[0], prior[1]) if prior else None
-        return cls(key=key, low=low, high=high, start=float(start), prior=given)
+        prior_values = (prior[0], prior[1]) if prior else None
+        return cls(key=key, low=low, high=high, start=float(start), prior=prior_values)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,17 +138,17 @@ class Fit:
         """Plain data for JSON."""
         return {
             "parameters": {
-                one.parameter.key: {
-                    "value": one.value,
-                    "error": one.error,
-                    "interval": list(one.interval),
-                    "open": list(one.open),
-                    "determined": one.determined,
-                    "start": one.parameter.start,
-                    "bounds": [one.parameter.low, one.parameter.high],
-                    "prior": one.parameter.prior,
+                fitted.parameter.key: {
+                    "value": fitted.value,
+                    "error": fitted.error,
+                    "interval": list(fitted.interval),
+                    "open": list(fitted.open),
+                    "determined": fitted.determined,
+                    "start": fitted.parameter.start,
+                    "bounds": [fitted.parameter.low, fitted.parameter.high],
+                    "prior": fitted.parameter.prior,
                 }
-                for one in self.parameters
+                for fitted in self.parameters
             },
             "covariance": self.covariance.tolist(),
             "correlation": self.correlation.tolist(),
@@ -204,7 +205,7 @@ def fit(
     folder = Path("runs") / f"{scene.name}-fit" if out is None else Path(out)
     with exclusive(folder, "fit"):
         model = _Model(
-            scene, tuple(parameters), folder, device, cache, progress or (lambda text: None)
+            scene, tuple(parameters), folder, device, cache, progress or (lambda line: None)
         )
         return model.fit(open_shown(measured, acquired=acquired))
 
@@ -219,81 +220,84 @@ class _Model:
     device: Device | None
     cache: Path | None
     say: Say
-    first: Run | None = None
+    initial_run: Run | None = None
     runs: dict[str, Run] = field(default_factory=dict)
-    found: dict[tuple[float, ...], Floats] = field(default_factory=dict)
+    evaluated: dict[tuple[float, ...], Floats] = field(default_factory=dict)
     data: RadianceData | None = None
 
     @property
     def low(self) -> Floats:
-        return np.array([one.low for one in self.parameters])
+        return np.array([parameter.low for parameter in self.parameters])
 
     @property
     def span(self) -> Floats:
-        return np.array([one.high - one.low for one in self.parameters])
+        return np.array([parameter.high - parameter.low for parameter in self.parameters])
 
     def run(self, u: Floats) -> Run:
         """The run at u: made, read from the folder, or evaluated from one with the same trace."""
         values = self.low + u * self.span
         changes = {
-            one.key: float(f"{value:.12g}")
-            for one, value in zip(self.parameters, values, strict=True)
+            parameter.key: float(f"{value:.12g}")
+            for parameter, value in zip(self.parameters, values, strict=True)
         }
         scene = self.scene.with_(**changes)
         key = digest(trace_content(scene))
         if key in self.runs:
             return reevaluated(self.runs[key], scene)
-        place = self.folder / "runs" / (key if self.first is not None else f"first-{key}")
-        made = simulate(scene, place, device=self.device, cache=self.cache, like=self.first)
-        self.runs[key] = made
-        return made
+        place = self.folder / "runs" / (key if self.initial_run is not None else f"first-{key}")
+        run = simulate(scene, place, device=self.device, cache=self.cache, like=self.initial_run)
+        self.runs[key] = run
+        return run
 
     def residuals(self, u: Floats) -> Floats:
         """Differences in standard errors from the data and from the priors."""
         key = tuple(np.round(u, 12).tolist())
-        if key not in self.found:
+        if key not in self.evaluated:
             assert self.data is not None
             shown = open_shown(self.run(u))
             values = self.low + u * self.span
             priors = [
-                (value - one.prior[0]) / one.prior[1]
-                for one, value in zip(self.parameters, values, strict=True)
-                if one.prior is not None
+                (value - parameter.prior[0]) / parameter.prior[1]
+                for parameter, value in zip(self.parameters, values, strict=True)
+                if parameter.prior is not None
             ]
-            self.found[key] = np.concatenate([self.data.residuals(shown), priors])
-            chi2 = float(self.found[key] @ self.found[key])
+            self.evaluated[key] = np.concatenate([self.data.residuals(shown), priors])
+            chi2 = float(self.evaluated[key] @ self.evaluated[key])
             words = ", ".join(f"{value:.6g}" for value in values)
-            self.say(f"evaluation {len(self.found)}: chi-square {chi2:.6g} at {words}")
-        return self.found[key]
+            self.say(f"evaluation {len(self.evaluated)}: chi-square {chi2:.6g} at {words}")
+        return self.evaluated[key]
 
     def jacobian(self, u: Floats) -> Floats:
         """Derivatives by u, from steps into the range."""
-        here = self.residuals(u)
+        residuals = self.residuals(u)
         columns = []
         for number in range(len(u)):
             step = _STEP if u[number] + _STEP <= 1.0 else -_STEP
             moved = u.copy()
             moved[number] += step
-            columns.append((self.residuals(moved) - here) / step)
+            columns.append((self.residuals(moved) - residuals) / step)
         return np.array(columns).T
 
     def fit(self, measured: Shown) -> Fit:
         """The best values, with their errors."""
-        start = (np.array([one.start for one in self.parameters]) - self.low) / self.span
+        start = (
+            np.array([parameter.start for parameter in self.parameters]) - self.low
+        ) / self.span
         make_folder(self.folder)
         began = time.perf_counter()
-        self.first = self.run(start)
+        self.initial_run = self.run(start)
         self._cost(time.perf_counter() - began)
-        shown = open_shown(self.first)
+        shown = open_shown(self.initial_run)
         parts = unshared(measured, shown)
-        self.data = RadianceData.of(parts.one, replace(parts.other, scene=shown.scene))
-        priors = sum(one.prior is not None for one in self.parameters)
+        self.data = RadianceData.of(parts.baseline, replace(parts.compared, scene=shown.scene))
+        priors = sum(parameter.prior is not None for parameter in self.parameters)
         of_data = slice(0, len(self.residuals(start)) - priors)
         effect = np.max(np.abs(self.jacobian(start)[of_data]), axis=0)
-        for one, most in zip(self.parameters, effect, strict=True):
-            if most < _NO_EFFECT:
+        for parameter, largest in zip(self.parameters, effect, strict=True):
+            if largest < _NO_EFFECT:
                 raise StudyError(
-                    f"--vary {one.key}: has no effect on the image; omit it, or widen its bounds"
+                    f"--vary {parameter.key}: has no effect on the image; omit it, or widen its "
+                    "bounds"
                 )
         solved = least_squares(
             self.residuals,
@@ -308,30 +312,32 @@ class _Model:
         u, chi2 = solved.x, float(2.0 * solved.cost)
         slopes = self.jacobian(u)
         covariance = np.asarray(np.linalg.pinv(slopes.T @ slopes), np.float64)
-        alone = slopes[of_data].T @ slopes[of_data]
-        values, vectors = np.linalg.eigh(alone)
+        information = slopes[of_data].T @ slopes[of_data]
+        values, vectors = np.linalg.eigh(information)
         with np.errstate(divide="ignore"):
-            own = np.sqrt(np.sum(vectors**2 / np.maximum(values, 1e-300), axis=1))
+            deviations = np.sqrt(np.sum(vectors**2 / np.maximum(values, 1e-300), axis=1))
         fitted = tuple(
-            self._fitted(number, u, covariance, chi2, determined=bool(own[number] < _UNIFORM))
+            self._fitted(
+                number, u, covariance, chi2, determined=bool(deviations[number] < _UNIFORM)
+            )
             for number in range(len(u))
         )
         count = int(np.count_nonzero(self.data.where))
         degrees = 2 * count - len(u) + priors
-        found = Fit(
+        fitted_model = Fit(
             parameters=fitted,
             covariance=covariance * np.outer(self.span, self.span),
             chi2_reduced=chi2 / degrees,
             p_value=float(chdtrc(degrees, chi2)),
             pixels=count,
-            evaluations=len(self.found),
+            evaluations=len(self.evaluated),
             weak=self._combination(vectors[:, 0]) if values[0] < _UNIFORM**-2 else "",
             run=self.run(u),
             folder=self.folder,
         )
-        write_text(self.folder / "best.yaml", dump_scene(found.run.scene))
-        write_text(self.folder / "fit.json", json.dumps(found.to_dict(), indent=1))
-        return found
+        write_text(self.folder / "best.yaml", dump_scene(fitted_model.run.scene))
+        write_text(self.folder / "fit.json", json.dumps(fitted_model.to_dict(), indent=1))
+        return fitted_model
 
     def _cost(self, seconds: float) -> None:
         count = len(self.parameters)
@@ -345,7 +351,7 @@ class _Model:
         self, number: int, u: Floats, covariance: Floats, chi2: float, *, determined: bool
     ) -> Fitted:
         """One parameter with its interval of rising chi-square."""
-        one = self.parameters[number]
+        parameter = self.parameters[number]
         sigma = math.sqrt(covariance[number, number])
         # The best values of the others follow this one along the covariance.
         along = covariance[:, number] / covariance[number, number]
@@ -356,15 +362,17 @@ class _Model:
             for _ in range(2):
                 step = min(step, room)
                 place = np.clip(u + way * step * along, 0.0, 1.0)
-                there = self.residuals(place)
-                rise = max(float(there @ there) - chi2, 1e-12)
+                residuals = self.residuals(place)
+                rise = max(float(residuals @ residuals) - chi2, 1e-12)
                 if step >= room and rise < 1.0:
                     break
                 step /= math.sqrt(rise)  # a parabola through the best value
             bounded.append(bool(step >= room))
-            ends.append(float(one.low + (u[number] + way * min(step, room)) * self.span[number]))
+            ends.append(
+                float(parameter.low + (u[number] + way * min(step, room)) * self.span[number])
+            )
         return Fitted(
-            parameter=one,
+            parameter=parameter,
             value=float(self.low[number] + u[number] * self.span[number]),
             error=float(sigma * self.span[number]),
             interval=(ends[0], ends[1]),
@@ -375,8 +383,8 @@ class _Model:
     def _combination(self, direction: Floats) -> str:
         """Parameters of a direction in u, by their share."""
         parts: Mapping[str, float] = {
-            one.key: float(share)
-            for one, share in zip(self.parameters, direction, strict=True)
+            parameter.key: float(share)
+            for parameter, share in zip(self.parameters, direction, strict=True)
             if abs(share) > 0.1
         }
         order = sorted(parts, key=lambda key: -abs(parts[key]))

@@ -41,8 +41,8 @@ class Axis:
     @property
     def unit(self) -> str:
         """Unit at the end of the name; 1 without."""
-        last = self.name.rpartition("_")[2]
-        return last if last in _UNITS else "1"
+        unit = self.name.rpartition("_")[2]
+        return unit if unit in _UNITS else "1"
 
 
 @dataclass(frozen=True)
@@ -73,22 +73,22 @@ class Grid:
             yield Point(number, place, base.with_(**chosen))
 
     @classmethod
-    def parse(cls, text: str) -> Grid:
+    def parse(cls, argument: str) -> Grid:
         """Reads the text of the command line."""
         axes: list[Axis] = []
-        for part in text.split(","):
+        for part in argument.split(","):
             key, equals, value = part.partition("=")
             if equals:
-                axes.append(_axis(key.strip(), text))
+                axes.append(_axis(key.strip(), argument))
             elif not axes:
                 raise StudyError(
-                    f"--grid {text!r}: {part!r} has no key; write KEY=VALUES, for instance "
+                    f"--grid {argument!r}: {part!r} has no key; write KEY=VALUES, for instance "
                     "walls.temperature_K=300:600:25,spray.fuel_temperature_K=330,350"
                 )
             else:
                 value = part
-            last = axes[-1]
-            axes[-1] = Axis(last.name, last.key, (*last.values, *_values(value.strip(), last.name)))
+            axis = axes[-1]
+            axes[-1] = Axis(axis.name, axis.key, (*axis.values, *_values(value.strip(), axis.name)))
         keys = [axis.key for axis in axes]
         for axis in axes:
             if keys.count(axis.key) > 1:
@@ -103,48 +103,50 @@ class Grid:
         return grid
 
 
-def _axis(key: str, text: str) -> Axis:
+def _axis(key: str, argument: str) -> Axis:
     if not _KEY.fullmatch(key):
         raise StudyError(
-            f"--grid {text!r}: {key!r} is no key of a scene; write it with dots, for instance "
+            f"--grid {argument!r}: {key!r} is no key of a scene; write it with dots, for instance "
             "walls.temperature_K"
         )
     return Axis(key, ALIASES.get(key, key), ())
 
 
-def _values(text: str, name: str) -> tuple[Value, ...]:
-    if not text:
+def _values(argument: str, name: str) -> tuple[Value, ...]:
+    if not argument:
         raise StudyError(f"--grid: {name} lacks a value; write {name}=1,2,3 or {name}=1:3:1")
-    parts = text.split(":")
+    parts = argument.split(":")
     if len(parts) == 1:
-        return (_value(text),)
+        return (_value(argument),)
     try:
         start, stop, step = (float(part) for part in parts)
         finite = all(map(math.isfinite, (start, stop, step)))
     except ValueError:
         finite = False
     if not finite:
-        raise StudyError(f"--grid: {name}={text} is no range; write start:stop:step, as 300:600:25")
+        raise StudyError(
+            f"--grid: {name}={argument} is no range; write start:stop:step, as 300:600:25"
+        )
     if step == 0 or (stop - start) / step < 0:
         raise StudyError(
-            f"--grid: {name}={text} has no value; the step must lead from start to stop"
+            f"--grid: {name}={argument} has no value; the step must lead from start to stop"
         )
     # The stop is included if a whole number of steps leads there, to rounding.
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if count > MOST_POINTS:
-        raise StudyError(f"--grid: {name}={text} has {count} values; allowed: {MOST_POINTS}")
-    whole = all("." not in part and "e" not in part.lower() for part in parts)
+        raise StudyError(f"--grid: {name}={argument} has {count} values; allowed: {MOST_POINTS}")
+    integers = all("." not in part and "e" not in part.lower() for part in parts)
     numbers = [float(f"{start + k * step:.12g}") for k in range(count)]
-    return tuple(int(number) if whole else number for number in numbers)
+    return tuple(int(number) if integers else number for number in numbers)
 
 
-def _value(text: str) -> Value:
+def _value(argument: str) -> Value:
     words: dict[str, Value] = {"true": True, "false": False, "null": None}
-    if text.lower() in words:
-        return words[text.lower()]
+    if argument.lower() in words:
+        return words[argument.lower()]
     for kind in (int, float):
         try:
-            return kind(text)
+            return kind(argument)
         except ValueError:
             continue
-    return text
+    return argument

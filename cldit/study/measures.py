@@ -42,20 +42,20 @@ def tips(run: Run) -> Mask:
 class Phases:
     """Pixels that see droplets and vapour together, or vapour alone."""
 
-    both: Mask
+    mixed: Mask
     vapour_only: Mask
 
     @classmethod
     def of(cls, run: Run) -> Phases:
         """Phases by the weights: droplets scatter light of the walls, vapour does not."""
         weights, seen = run.weights, visible(run)
-        before = np.maximum(run.reference.background, 1e-6)
-        extinct = 1.0 - weights.background / before
+        bare = np.maximum(run.reference.background, 1e-6)
+        extinct = 1.0 - weights.background / bare
         scattered = weights.wall - np.minimum(run.reference.wall, weights.wall)
         emitted = np.maximum(weights.vapour + weights.liquid, 1e-30)
         dry = (scattered < 1e-3) & (weights.liquid < 1e-3 * emitted) & (extinct > 0)
         wet = (scattered > _SCATTERED) & (weights.vapour > _ABSORBED * emitted)
-        return cls(both=np.asarray(seen & wet), vapour_only=np.asarray(seen & dry))
+        return cls(mixed=np.asarray(seen & wet), vapour_only=np.asarray(seen & dry))
 
 
 def mean_K(run: Run, where: Mask) -> float:
@@ -84,11 +84,11 @@ class Change:
     image: NDArray[np.float32]
 
     @classmethod
-    def of(cls, run: Run, other: Run) -> Change:
+    def of(cls, run: Run, reference: Run) -> Change:
         """Difference of T_app from `other` to `run`."""
-        here = visible(run) & visible(other)
-        change = run.maps.apparent_temperature_K - other.maps.apparent_temperature_K
-        return cls(np.where(here, change, np.float32(np.nan)))
+        in_both = visible(run) & visible(reference)
+        change = run.maps.apparent_temperature_K - reference.maps.apparent_temperature_K
+        return cls(np.where(in_both, change, np.float32(np.nan)))
 
     def within(self, where: Mask | None = None) -> Floats:
         """(N,) changes in the pixels `where` (H, W); NaN alone if there are fewer than 20."""

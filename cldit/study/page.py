@@ -19,7 +19,7 @@ from cldit.io.plain_data import read_json
 from cldit.scene import Scene, dump_scene
 from cldit.show import page as show
 from cldit.show.figures.style import write_figure
-from cldit.show.page import Block, Bullets, Details, Figure, Link, Section, Table
+from cldit.show.page import Block, Details, Figure, Link, Section, Table
 
 Row = Mapping[str, float | str]
 
@@ -46,7 +46,7 @@ class Verdict:
     unit: str = ""
     low: float | None = None
     high: float | None = None
-    why: str = ""
+    reason: str = ""
 
     @property
     def word(self) -> str:
@@ -97,7 +97,7 @@ def _measured(value: float, error: float) -> str:
 
 def summary(verdicts: tuple[Verdict, ...]) -> str:
     """Sentence with the numbers of statements that agree and that are undecided."""
-    words = [each.word for each in verdicts]
+    words = [verdict.word for verdict in verdicts]
     agreed, open_ = words.count(AGREES), words.count(OPEN)
     if agreed == len(verdicts):
         return f"All {agreed} statements agree."
@@ -109,10 +109,9 @@ def summary(verdicts: tuple[Verdict, ...]) -> str:
 class StudyPage:
     """Results of a study.
 
-    about: its subject, one sentence. command: makes the page. text: one paragraph. findings:
-    sentences. figures: by file name without suffix. table: rows of equal keys, with units in their
-    names; row_errors: standard errors of their numbers; more: further tables by title. seeds: of
-    the sprays whose mean the numbers are.
+    about: its subject, one sentence. command: makes the page. text: one paragraph. figures: by
+    file name without suffix. table: rows of equal keys, with units in their names; row_errors:
+    standard errors of their numbers. seeds: of the sprays whose mean the numbers are.
     """
 
     name: str
@@ -121,11 +120,9 @@ class StudyPage:
     figure: str = ""
     command: str = ""
     text: str = ""
-    findings: Sequence[str] = ()
     figures: Mapping[str, Figure]
     table: Sequence[Row]
     row_errors: Sequence[Mapping[str, float]] = ()
-    more: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     quick: bool = False
@@ -140,30 +137,22 @@ class StudyPage:
 
     def html(self) -> show.Page:
         """Page as one file."""
-        tables = {"Numbers": self.table, **self.more}
         scenes = [Details(name, dump_scene(scene)) for name, scene in self.scenes.items()]
-        made = f"`{self.command}`, cldit {version('cldit')}. {self._made()}"
+        note = f"`{self.command}`, cldit {version('cldit')}. {self._made()}"
         content: list[Block] = [
             self.about,
             Section("", [*self.figures.values(), self.text]),
-            Section("Findings", [Bullets(self.findings)] if self.findings else []),
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
-            *(
-                Section(title, [_table(rows, self._errors(title))])
-                for title, rows in tables.items()
-            ),
-            Section("To repeat it", [made, *scenes]),
+            Section("Numbers", [_table(self.table, self.row_errors)]),
+            Section("To repeat it", [note, *scenes]),
         ]
         return show.Page(self.title, content)
 
-    def _errors(self, title: str) -> Sequence[Mapping[str, float]]:
-        return self.row_errors if title == "Numbers" else ()
-
     def _made(self) -> str:
         """Commit, device, seeds and cost."""
-        made = commit()
+        revision = commit()
         parts = [
-            f"commit {made[:7] + made[40:]}" if made else "",
+            f"commit {revision[:7] + revision[40:]}" if revision else "",
             self.device,
             f"mean of seeds {', '.join(map(str, self.seeds))}" if self.seeds else "",
             f"errors by {'seeds, ' if self.seeds else ''}cells of twice the edge"
@@ -171,14 +160,14 @@ class StudyPage:
             else "",
             f"{self.seconds:.0f} s" if self.seconds else "",
         ]
-        return "; ".join(each for each in parts if each)
+        return "; ".join(part for part in parts if part)
 
     def markdown(self, *, tables: bool) -> show.Page:
         """Page with figures as files beside it. Without `tables`, as in docs, numbers are in the
         JSON."""
         figures = [
-            Figure(each.png, each.caption, f"study-{self.name}-{name}.png")
-            for name, each in self.figures.items()
+            Figure(figure.png, figure.caption, f"study-{self.name}-{name}.png")
+            for name, figure in self.figures.items()
         ]
         numbers = "" if tables else f" (all numbers: `{self.name}.json`)"
         content: list[Block] = [
@@ -186,20 +175,18 @@ class StudyPage:
             *figures,
             self.text,
         ]
-        if self.findings:
-            content.append(Bullets(self.findings))
         if self.verdicts:
             content += [self.summary, self._verdicts()]
         if tables:
-            content += [Section(title, [_table(rows, self._errors(title or "Numbers"))])
-                        for title, rows in {"": self.table, **self.more}.items()]  # fmt: skip
+            content.append(Section("", [_table(self.table, self.row_errors)]))
         return show.Page(self.title, content)
 
     def _verdicts(self) -> Table:
         return Table(_VERDICTS, [
-            (each.claim, each.found, each.allowed,
-             each.word + (f": {each.why}" if each.why and each.word == DISAGREES else ""))
-            for each in self.verdicts
+            (verdict.claim, verdict.found, verdict.allowed,
+             f"{verdict.word}: {verdict.reason}" if verdict.reason and verdict.word == DISAGREES
+             else verdict.word)
+            for verdict in self.verdicts
         ])  # fmt: skip
 
     def json(self) -> str:
@@ -212,27 +199,24 @@ class StudyPage:
             "seconds": round(self.seconds, 1),
             "summary": self.summary,
             "text": self.text,
-            "findings": list(self.findings),
             "verdicts": [
                 {
-                    "claim": each.claim,
-                    "found": each.found,
-                    "value": _plain(each.value),
-                    "unit": each.unit,
-                    "low": each.low,
-                    "high": each.high,
-                    "error": _plain(each.error),
-                    "verdict": each.word,
+                    "claim": verdict.claim,
+                    "found": verdict.found,
+                    "value": _plain(verdict.value),
+                    "unit": verdict.unit,
+                    "low": verdict.low,
+                    "high": verdict.high,
+                    "error": _plain(verdict.error),
+                    "verdict": verdict.word,
                 }
-                for each in self.verdicts
+                for verdict in self.verdicts
             ],
             "table": _plain_rows(self.table),
             "table_errors": _plain_rows(self.row_errors),
             "seeds": list(self.seeds),
             "device": self.device,
         }
-        if self.more:
-            data["more"] = {title: _plain_rows(rows) for title, rows in self.more.items()}
         return json.dumps(data, indent=1)
 
     def csv(self) -> str:
@@ -276,8 +260,8 @@ def _table(rows: Sequence[Row], errors: Sequence[Mapping[str, float]] = ()) -> T
     titles = list(rows[0]) if rows else []
     cells = []
     for number, row in enumerate(rows):
-        known = errors[number] if errors else {}
-        cells.append([_cell(value, known.get(name, 0.0)) for name, value in row.items()])
+        row_errors = errors[number] if errors else {}
+        cells.append([_cell(value, row_errors.get(name, 0.0)) for name, value in row.items()])
     return Table(titles, cells)
 
 
@@ -295,9 +279,9 @@ def write_page(
         write_text(path.with_name(f"{page.name}.json"), page.json())
         markdown = path.with_name(f"{page.name}.md")
         written = show.write_page(page.markdown(tables=not markdown_only), markdown)
-        for name, each in page.figures.items():
-            if suffix is not None and each.drawn is not None:
-                write_figure(each.drawn, folder / f"study-{page.name}-{name}{suffix}")
+        for name, figure in page.figures.items():
+            if suffix is not None and figure.drawn is not None:
+                write_figure(figure.drawn, folder / f"study-{page.name}-{name}{suffix}")
         if not markdown_only:
             make_folder(folder / "scenes")
             for name, scene in page.scenes.items():
@@ -326,8 +310,8 @@ def _overview_row(path: Path) -> tuple[show.Cell, ...]:
     """Row of a study; raises StudyError."""
     data: dict[str, Any] = read_json(path, error=StudyError)
     texts = ("study", "title", "figure", "summary")
-    whole = all(isinstance(data.get(name), str) for name in texts)
-    if not whole or not isinstance(data.get("seconds"), (int, float)) or "quick" not in data:
+    complete = all(isinstance(data.get(name), str) for name in texts)
+    if not complete or not isinstance(data.get("seconds"), (int, float)) or "quick" not in data:
         raise StudyError(f"{path}: is damaged; run the study again")
     return (
         Link(data["title"], data["study"]),

@@ -62,58 +62,62 @@ class RadianceData:
         """
         scene = model.scene
         assert scene is not None
-        first, second, _ = together(measured, model, resample=True)
-        square_K2 = first.independent_K2
+        data, simulated, _ = together(measured, model)
+        square_K2 = data.independent_K2
         if square_K2 is None:
             raise EvaluationError(f"{measured.name}: no error of T_app is stated")
-        spread = first.maps.emissivity_standard_error.astype(float) ** 2
-        spread -= sum((np.nan_to_num(part.emissivity) ** 2 for part in first.common), 0.0)
+        spread = data.maps.emissivity_standard_error.astype(float) ** 2
+        spread -= sum((np.nan_to_num(part.emissivity) ** 2 for part in data.common), 0.0)
         spread = np.maximum(spread, 0.0)
-        where = seen_in_both(first, second).visible & np.isfinite(square_K2) & np.isfinite(spread)
+        where = seen_in_both(data, simulated).visible & np.isfinite(square_K2) & np.isfinite(spread)
         if np.count_nonzero(where) < _LEAST_PIXELS:
             raise EvaluationError(
                 f"{measured.name} and {model.name}: {np.count_nonzero(where)} pixels of the spray "
                 "are visible in both; is it the same view?"
             )
         curve = Curve(filter_um=scene_filter(scene))
-        around = Boundary.in_filter(
+        boundary = Boundary.in_filter(
             Surroundings.from_scene(scene),
             curve.filter_um,
             reference_K=float(np.median(scene.background.temperatures_K)),
         )
-        kelvin = first.maps.apparent_temperature_K[where].astype(float)
-        emissivity = first.maps.emissivity[where].astype(float)
+        kelvin = data.maps.apparent_temperature_K[where].astype(float)
+        emissivity = data.maps.emissivity[where].astype(float)
         radiance = curve.radiance(kelvin)
-        leaving = around.leaving(scene.background.temperatures_K)
+        leaving = boundary.leaving(scene.background.temperatures_K)
         steep = emissivity * curve.slope(kelvin)
         of_e, of_t = spread[where], square_K2[where]
-        most = np.sqrt(of_e * of_t)
-        covariance = np.clip(first.independent_covariance_K[where], -most, most)
-        known = np.isfinite(covariance)
+        largest_covariance = np.sqrt(of_e * of_t)
+        covariance = np.clip(
+            data.independent_covariance_K[where], -largest_covariance, largest_covariance
+        )
+        finite = np.isfinite(covariance)
         with np.errstate(divide="ignore", invalid="ignore"):
-            middle = np.where(known, radiance + steep * covariance / of_e, leaving.mean())
+            middle = np.where(finite, radiance + steep * covariance / of_e, leaving.mean())
         darkest, brightest = leaving.min(), np.maximum(leaving.max(), radiance)
         middle = np.clip(np.nan_to_num(middle), darkest, brightest)
         over = radiance - middle
-        whole = steep**2 * of_t
-        both = steep * np.where(known, over * np.nan_to_num(covariance), np.abs(over) * most)
-        of_y = np.maximum(whole + over**2 * of_e + 2.0 * both, _LEAST * whole)
-        error_K = second.error_map_K
-        own = np.full(where.shape, second.error_K or 0.0) if error_K is None else error_K
-        of_y = of_y + (steep * np.nan_to_num(own[where])) ** 2
+        square_of_t = steep**2 * of_t
+        mixed = steep * np.where(
+            finite, over * np.nan_to_num(covariance), np.abs(over) * largest_covariance
+        )
+        of_y = np.maximum(square_of_t + over**2 * of_e + 2.0 * mixed, _LEAST * square_of_t)
+        error_K = simulated.error_map_K
+        of_model = np.full(where.shape, simulated.error_K or 0.0) if error_K is None else error_K
+        of_y = of_y + (steep * np.nan_to_num(of_model[where])) ** 2
 
         def modes(parts: Iterable[Part]) -> list[Floats]:
-            found = []
+            images = []
             for part in parts:
                 change = np.nan_to_num(part.emissivity[where])
-                found.append(
+                images.append(
                     np.stack([change, steep * np.nan_to_num(part.kelvin[where]) + over * change])
                 )
-            return found
+            return images
 
-        shared = modes((*first.common, *first.systematic))
+        shared = modes((*data.common, *data.systematic))
         return cls(
-            measured=first,
+            measured=data,
             where=where,
             curve=curve,
             middle=middle,
@@ -128,12 +132,12 @@ class RadianceData:
 
         A pixel that the model does not evaluate has no spray: e and y are 0.
         """
-        _, seen, _ = together(self.measured, model, resample=True)
+        _, seen, _ = together(self.measured, model)
         emissivity = np.nan_to_num(seen.maps.emissivity[self.where].astype(float))
         kelvin = seen.maps.apparent_temperature_K[self.where].astype(float)
-        known = np.isfinite(kelvin)
-        over = self.curve.radiance(np.where(known, kelvin, 300.0)) - self.middle
-        y = np.where(known, emissivity * over, 0.0)
+        finite = np.isfinite(kelvin)
+        over = self.curve.radiance(np.where(finite, kelvin, 300.0)) - self.middle
+        y = np.where(finite, emissivity * over, 0.0)
         z = ((np.stack([emissivity, y]) - self.values) / self.error).ravel()
         b = (self.modes / self.error).reshape(len(self.modes), z.size)
         sizes = np.linalg.solve(np.eye(len(b)) + b @ b.T, b @ z)

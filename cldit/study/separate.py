@@ -18,8 +18,8 @@ from cldit.scene.scatter import members_of
 
 
 def separate(
-    one: Scene,
-    other: Scene,
+    model: Scene,
+    rival: Scene,
     folder: Path,
     blackbody: BlackBody,
     *,
@@ -35,8 +35,8 @@ def separate(
     Without delays, that of the scenes' sprays is taken. bands: scenes whose optics are those of
     another filter, besides that of the scenes.
     """
-    check_rivals(one, other)
-    found = []
+    check_rivals(model, rival)
+    separations = []
     for delay_s in delays_s or (None,):
         for band, optics in {"": None, **(bands or {})}.items():
             place = folder / band if band else folder
@@ -48,7 +48,7 @@ def separate(
                 )  # fmt: skip
 
             runs: list[Run] = []
-            for name, scene in (("one", one), ("other", other)):
+            for name, scene in (("one", model), ("other", rival)):
                 at = without_delays(scene if delay_s is None else scene_at(scene, delay_s))
                 at = at if optics is None else in_band(at, optics)
                 where = place / name / ("" if delay_s is None else delay_folder(delay_s))
@@ -62,5 +62,5 @@ def separate(
                 unknowns=unknowns,
                 least_emissivity=least_emissivity,
             )
-            found.append(rivals.best(blackbody, shot_s=shot_time_s(runs[0].scene)))
-    return found
+            separations.append(rivals.best(blackbody, shot_s=shot_time_s(runs[0].scene)))
+    return separations

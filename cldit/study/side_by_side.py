@@ -46,17 +46,17 @@ def trace_members(
     with exclusive(folder, "run"):
         begin(scene, folder)
         simulate(nominal(scene), folder / NOMINAL, device=device, cache=cache, progress=progress)
-        left = [
+        remaining = [
             number
             for number in range(1, members_of(scene) + 1)
             if stored_run(member_folder(folder, number), member(scene, number)) is None
         ]
-        if not left:
+        if not remaining:
             return 0
         problems = _side_by_side(
             {
                 number: (member(scene, number), member_folder(folder, number), folder / NOMINAL)
-                for number in left
+                for number in remaining
             },
             scheduler=scheduler,
             workers=workers,
@@ -64,8 +64,10 @@ def trace_members(
             watch=watch,
         )
         if problems:
-            raise StudyError("\n".join(f"injection {at}: {text}" for at, text in problems.items()))
-        return len(left)
+            raise StudyError(
+                "\n".join(f"injection {at}: {problem}" for at, problem in problems.items())
+            )
+        return len(remaining)
 
 
 def trace_scenes(
@@ -83,20 +85,20 @@ def trace_scenes(
     The first is traced by this process, which keeps tables and the computed spray of all times.
     What fails is left to the caller, who finds it not traced.
     """
-    left = {
+    remaining = {
         folder.resolve(): scene
         for folder, scene in scenes.items()
         if stored_run(folder, scene) is None
     }
-    traced = len(left)
-    while left:
-        folder, scene = left.popitem()
+    traced = len(remaining)
+    while remaining:
+        folder, scene = remaining.popitem()
         with suppress(ClditError):
             simulate(scene, folder, device=device, cache=cache, progress=progress)
             break
-    if left:
+    if remaining:
         _side_by_side(
-            {folder: (scene, folder, None) for folder, scene in left.items()},
+            {folder: (scene, folder, None) for folder, scene in remaining.items()},
             scheduler=scheduler,
             workers=workers,
             cache=cache,

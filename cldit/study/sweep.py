@@ -60,11 +60,11 @@ class Progress:
 
 @dataclass(frozen=True)
 class SweepRecord:
-    """Result of a sweep. found: scenes from an earlier call; failed: scene number and message."""
+    """Result of a sweep. stored: scenes from an earlier call; failed: scene number and message."""
 
     folder: Path
     scenes: int
-    found: int
+    stored: int
     traces: int
     seconds: float
     failed: tuple[tuple[int, str], ...] = ()
@@ -132,14 +132,14 @@ def run_sweep(
                         else:
                             folder.write(point, result, worker=worker, seconds=seconds)
                         come += 1
-                    left = len(points) - len(done) - come
+                    remaining = len(points) - len(done) - come
                     rate = (time.perf_counter() - start) / come
                     if watch is not None:
-                        watch(Progress(len(done) + come, len(points), left * rate))
+                        watch(Progress(len(done) + come, len(points), remaining * rate))
         return SweepRecord(
             folder=folder.path,
             scenes=len(points),
-            found=len(done),
+            stored=len(done),
             traces=len(groups),
             seconds=time.perf_counter() - start,
             failed=tuple(sorted(failed)),
@@ -147,13 +147,13 @@ def run_sweep(
 
 
 def _check_images(points: Sequence[Point]) -> None:
-    first = points[0].scene
+    scene_0 = points[0].scene
     for point in points:
         for key in _ONE_IMAGE:
-            here = getattr(point.scene if key == "target_m" else point.scene.camera, key)
-            if here != getattr(first if key == "target_m" else first.camera, key):
+            value = getattr(point.scene if key == "target_m" else point.scene.camera, key)
+            if value != getattr(scene_0 if key == "target_m" else scene_0.camera, key):
                 raise StudyError(
-                    f"--grid: camera.{key} changes from scene to scene ({here}), and such images "
+                    f"--grid: camera.{key} changes from scene to scene ({value}), and such images "
                     "do not fit into one data set; make a sweep for each"
                 )
 
@@ -204,24 +204,24 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
     worker = f"{os.uname().nodename}:{os.getpid()}"
     finished: Finished = []
     # Noise in front of the brightest walls needs most paths of the final gather.
-    for point in sorted(group, key=lambda one: -one.scene.walls.temperature_K):
+    for point in sorted(group, key=lambda variant: -variant.scene.walls.temperature_K):
         start = time.perf_counter()
         try:
             run = runs.run(
                 point.scene, device=worker_device(), spray=None if spray is None else lambda: spray
             )
-            found: Result | str = Result.of(run)
+            result: Result | str = Result.of(run)
         except ClditError as error:
-            found = str(error)
-        finished.append((point, found, worker, time.perf_counter() - start))
+            result = str(error)
+        finished.append((point, result, worker, time.perf_counter() - start))
     return finished
 
 
 def _gpus() -> list[str]:
     """Indices of the GPUs that have not failed their check."""
     failed = failed_devices()
-    found = [info.index for info in list_devices() if info.kind == "gpu"]
-    return [index for index in found if index not in failed]
+    gpus = [info.index for info in list_devices() if info.kind == "gpu"]
+    return [index for index in gpus if index not in failed]
 
 
 @cache

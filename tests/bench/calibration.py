@@ -54,7 +54,7 @@ def main() -> None:
         run = simulate(scene, Path(folder) / "run")
         shown = open_shown(run)
         recorded = [recording(run, seed=seed) for seed in range(given.seeds)]
-        found = [difference(shown, one, resample=True) for one in recorded]
+        found = [difference(shown, one) for one in recorded]
         for name in found[0].regions:
             tested = [one.regions[name] for one in found if one.regions[name].p_value is not None]
             if not tested:
@@ -67,7 +67,7 @@ def main() -> None:
             )
         pairs = zip(recorded[::2], recorded[1::2], strict=False)
         uniform("run", found)
-        uniform("recordings", [difference(one, other, resample=True) for one, other in pairs])
+        uniform("recordings", [difference(one, other) for one, other in pairs])
         walls_K = scene.walls.temperature_K
         for name, values in (
             ("walls + 20 K", {"walls.temperature_K": walls_K + 20.0}),
@@ -80,7 +80,7 @@ def main() -> None:
                   f"{LARGE_K} K, of which the errors leave "
                   f"{np.sum(apart & (np.abs(each.residuals) > CLEAR))}")  # fmt: skip
             for one in recorded[:4]:
-                print(*difference(one, other, resample=True).verdict.lines, sep="\n    ")
+                print(*difference(one, other).verdict.lines, sep="\n    ")
 
 
 def uniform(name: str, found: Sequence[Difference]) -> None:
@@ -121,7 +121,7 @@ def of_members(name: str, count: int, trials: int, *, quick: bool) -> dict[str, 
             firsts: tuple[Run | Shown, ...] = (one, recording(one, seed=trial))
             for kind, first in zip(kinds, firsts, strict=True):
                 for change, second in (("nothing", rest), ("mass + 10 %", other)):
-                    found[f"{kind}, {change}"].append(difference(first, second, resample=True))
+                    found[f"{kind}, {change}"].append(difference(first, second))
     return found
 
 

@@ -113,10 +113,7 @@ def main() -> None:
             continue
         data = run(values if recorded else {})
         model = run({**others, **({} if recorded else values)})
-        found = [
-            difference(recording(data, seed=seed), model, resample=True)
-            for seed in range(given.seeds)
-        ]
+        found = [difference(recording(data, seed=seed), model) for seed in range(given.seeds)]
         print(line(name, difference(data, model), found), flush=True)
         if data is not model:
             print(f"    {needed(data, model, given.out / 'cache')}", flush=True)

@@ -76,13 +76,12 @@ def a_line() -> Figure:
 
 
 def study(folder: Path) -> Path:
-    """A study, with findings, verdicts, figures and tables."""
+    """A study, with verdicts, figures and a table."""
     page = StudyPage(
         name="sizes",
         title="Sizes of droplets",
         about="Droplets.",
         command="cldit study sizes",
-        findings=["one"],
         verdicts=(Verdict(claim="claim", value=1.0, error=0.1, unit="K", low=0.0, high=2.0),),
         figures={"maps": a_line()},
         table=[{"case": "one", "T_app / K": 400.0}],

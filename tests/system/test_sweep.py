@@ -84,7 +84,7 @@ def test_killed_worker_loses_nothing(scene: Scene, cluster: Any, tmp_path: Path)
         watch=watch,
     )
     assert killed
-    assert (record.scenes, record.found, record.traces, record.failed) == (8, 0, 4, ())
+    assert (record.scenes, record.stored, record.traces, record.failed) == (8, 0, 4, ())
     data = cldit.open_study(sweep)
     assert data.sizes == {
         "spray.fuel_temperature_K": 4,
@@ -102,7 +102,7 @@ def test_killed_worker_loses_nothing(scene: Scene, cluster: Any, tmp_path: Path)
     np.testing.assert_allclose(found.emissivity, alone.maps.emissivity, atol=1e-6)
     assert found.error_K.attrs["units"] == "K" and np.isnan(float(found.error_K))  # no audit
     again = run_sweep(scene, grid, sweep, scheduler="tcp://127.0.0.1:9")  # nobody is asked
-    assert (again.found, again.traces) == (8, 0)
+    assert (again.stored, again.traces) == (8, 0)
     with pytest.raises(StudyError, match="another grid or scene"):
         run_sweep(scene, Grid.parse("walls.temperature_K=300"), sweep)
 

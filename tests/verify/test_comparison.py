@@ -38,7 +38,7 @@ def test_a_run_explains_its_own_recording(gdi: Run) -> None:
 
     One chi-square scatters by 0.05, with 1700 effective pixels and variances from 5 shots each.
     """
-    found = [difference(open_shown(gdi), recording(gdi, seed=n), resample=True) for n in range(100)]
+    found = [difference(open_shown(gdi), recording(gdi, seed=n)) for n in range(100)]
     chances = np.array([one.regions["all"].p_value for one in found])
     reduced = np.array([one.regions["all"].chi2_reduced for one in found])
     assert 1 <= np.sum(chances < 0.05) <= 9
@@ -65,7 +65,7 @@ def test_another_model_is_named(
 ) -> None:
     """In the parts of the spray where it changes T_app most, with 5 shots per background."""
     model = simulate(fine.scene.with_(**values), tmp_path / "one", device=device)
-    found = difference(recording(fine, seed=1), open_shown(model), resample=True)
+    found = difference(recording(fine, seed=1), open_shown(model))
     assert not found.within and parts <= set(found.where)
     assert found.tested == (("orders of scattering",) if "transport.order" in values else ())
 
@@ -78,6 +78,6 @@ def test_exposure_missing_in_the_model_is_named_if_long(
     """T_app changes by 0.1 and by 1.9 K: less, and more than the errors."""
     values = {"camera.exposure": "times", "camera.sensor.integration_time_s": exposure_s}
     exposed = simulate(fine.scene.with_(**values), tmp_path / "one", device=device)
-    found = difference(recording(exposed, seed=1), open_shown(fine), resample=True)
+    found = difference(recording(exposed, seed=1), open_shown(fine))
     assert found.within is not named
     assert ("tips" in found.where) is named

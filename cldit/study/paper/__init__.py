@@ -44,12 +44,12 @@ def studies_of(name: str) -> list[str]:
         study: {f"fig{number}" for number in _NUMBER.findall(sentences()[study]["figure"])}
         for study in STUDIES
     }
-    wanted = name.lower().replace(".", "").replace(" ", "")
-    found = [study for study in STUDIES if study == name or wanted in figures[study]]
-    if not found:
-        known = (f"{study} ({sentences()[study]['figure']})" for study in STUDIES)
-        raise StudyError(f"{name}: no such study; allowed: {', '.join(known)}, or all")
-    return found
+    figure = name.lower().replace(".", "").replace(" ", "")
+    names = [study for study in STUDIES if study == name or figure in figures[study]]
+    if not names:
+        allowed = (f"{study} ({sentences()[study]['figure']})" for study in STUDIES)
+        raise StudyError(f"{name}: no such study; allowed: {', '.join(allowed)}, or all")
+    return names
 
 
 def run_study(name: str, lab: Lab) -> StudyPage:
@@ -57,22 +57,22 @@ def run_study(name: str, lab: Lab) -> StudyPage:
     if name not in STUDIES:
         raise StudyError(f"{name}: no such study; allowed: {', '.join(STUDIES)}, all")
     start = time.perf_counter()
-    own = replace(lab, used={})
+    study_lab = replace(lab, used={})
 
     def page_with(repeated: Repeated) -> StudyPage:
-        return page_of(name, repeated.found, errors=repeated.errors, row_errors=repeated.row_errors)
+        return page_of(name, repeated.mean, errors=repeated.errors, row_errors=repeated.row_errors)
 
     def decided(repeated: Repeated) -> bool:
-        return all(each.word != OPEN for each in page_with(repeated).verdicts)
+        return all(verdict.word != OPEN for verdict in page_with(repeated).verdicts)
 
-    repeated = repeat(STUDIES[name], own, decided=decided)
+    repeated = repeat(STUDIES[name], study_lab, decided=decided)
     page = page_with(repeated)
     reduced = ", with reduced pixels and accuracy" if lab.quick else ""
     return replace(
         page,
         about=f"The paper's {page.figure}{reduced}.",
         command=f"cldit study {name}{' --quick' if lab.quick else ''}",
-        scenes=own.used,
+        scenes=study_lab.used,
         quick=lab.quick,
         seconds=time.perf_counter() - start,
         seeds=repeated.seeds,

@@ -40,42 +40,42 @@ def sentences() -> dict[str, Any]:
 
 def page_of(
     name: str,
-    found: Found,
+    results: Found,
     *,
     errors: Mapping[str, float],
     row_errors: Sequence[Mapping[str, float]] = (),
 ) -> StudyPage:
     """Page of the study `name`: its sentences with the values filled in, and errors of values."""
-    said, values = sentences()[name], found.values
+    study, values = sentences()[name], results.values
 
-    def filled(text: str) -> str:
-        return text.format_map(values)
+    def filled(sentence: str) -> str:
+        return sentence.format_map(values)
 
     def number(value: Value | None) -> float | None:
         return float(values[value]) if isinstance(value, str) else value
 
-    captions = {key: filled(text) for key, text in said.get("figures", {}).items()}
+    captions = {key: filled(text) for key, text in study.get("figures", {}).items()}
     return StudyPage(
         name=name,
-        title=said["title"],
-        figure=said["figure"],
-        text=filled(said["text"]),
+        title=study["title"],
+        figure=study["figure"],
+        text=filled(study["text"]),
         figures={
-            **{key: Figure.of(sheet, captions[key]) for key, sheet in found.sheets.items()},
-            **found.figures,
+            **{key: Figure.of(sheet, captions[key]) for key, sheet in results.sheets.items()},
+            **results.figures,
         },
-        table=found.table,
+        table=results.table,
         row_errors=row_errors,
         verdicts=tuple(
             Verdict(
-                claim=filled(each["claim"]),
-                value=float(values[each["value"]]),
-                error=errors.get(each["value"], 0.0),
-                unit=each.get("unit", ""),
-                low=number(each.get("low")),
-                high=number(each.get("high")),
-                why=filled(each.get("why", "")),
+                claim=filled(claim["claim"]),
+                value=float(values[claim["value"]]),
+                error=errors.get(claim["value"], 0.0),
+                unit=claim.get("unit", ""),
+                low=number(claim.get("low")),
+                high=number(claim.get("high")),
+                reason=filled(claim.get("why", "")),
             )
-            for each in said["claims"]
+            for claim in study["claims"]
         ),
     )

@@ -46,32 +46,32 @@ def optics(lab: Lab) -> Found:
     extinction = table.efficiencies(np.array([2e-6, 9e-6, _LARGE_M]))[0]
     rows: list[Row] = []
     off: list[float] = []
-    for each in FIG4:
-        sizes = each.sizes
+    for row in FIG4:
+        sizes = row.sizes
         if isinstance(sizes, Monodisperse):
             name, means = "all of one size", [sizes.diameter_um] * 2
         else:
             name = f"m {sizes.m_um:g} µm, n {sizes.n:g}, p {sizes.p:g}"
             means = [mean_diameter_m(sizes, *powers) * 1e6 for powers in ((1, 0), (3, 2))]
-        off += [abs(means[0] - each.d10_um), abs(means[1] - each.d32_um)]
+        off += [abs(means[0] - row.d10_um), abs(means[1] - row.d32_um)]
         rows.append(
             {
                 "distribution": name,
                 "D10 / µm": means[0],
-                "the paper's D10 / µm": each.d10_um,
+                "the paper's D10 / µm": row.d10_um,
                 "D32 / µm": means[1],
-                "the paper's D32 / µm": each.d32_um,
+                "the paper's D32 / µm": row.d32_um,
             }
         )
-    more, less = ("more", "less") if k > _K else ("less", "more")
+    stronger, weaker = ("more", "less") if k > _K else ("less", "more")
     return Found(
         values={
             "um": _UM,
             "k": k,
             "k_ratio": k / _K,
             "paper_k": _K,
-            "absorb": more,
-            "scatter": less,
+            "absorb": stronger,
+            "scatter": weaker,
             "n_change": n - _N,
             "large": float(extinction[2]),
             "small_over_middle": float(extinction[0] / extinction[1]),
@@ -170,13 +170,13 @@ def visible_light(lab: Lab) -> Found:
             f"{100 * liquid_mg / (liquid_mg + vapour_mg):.0f} % of the fuel still liquid"
         )
 
-    *most, last = (told(at) for at in _TOLD)
+    *descriptions, hottest = (told(at) for at in _TOLD)
     liquid_mm = [float(row["of the liquid / mm"]) for row in rows]
     ratios = [mass / light for mass, light in zip(liquid_mm, reach.values(), strict=True)]
     return Found(
         values={
             "within": 100 * _WITHIN,
-            "seen": f"{'; '.join(most)}; and {last}",
+            "seen": f"{'; '.join(descriptions)}; and {hottest}",
             "least": min(ratios),
             "most": max(ratios),
             "by_pressure_mm": reach[0.6, 300.0] - reach[0.15, 300.0],
@@ -218,8 +218,8 @@ _SIGMAS = 2.0
 
 
 def _radiance(run: Run) -> NDArray[np.float64]:
-    around = Surroundings.from_scene(run.scene)
-    bands = [Boundary.of(around, node.radiance, node.pane) for node in run.quadrature.nodes]
+    surroundings = Surroundings.from_scene(run.scene)
+    bands = [Boundary.of(surroundings, node.radiance, node.pane) for node in run.quadrature.nodes]
     return camera_radiance(run.spectral, bands, background_K=_BACKGROUND_K)
 
 
@@ -234,28 +234,28 @@ def camera(lab: Lab) -> Found:
     calibration = sensor.calibration()
     traced = calibration.counts(_radiance(run))
     behind = np.array([run.quadrature.nodes[0].radiance(_BACKGROUND_K)])
-    before = float(calibration.counts(behind)[0])
-    noise = float(np.sqrt(calibration.variance_counts2(np.array([before])))[0])
-    there = visible(run) & (run.maps.emissivity > _OPAQUE)
-    core = float(np.mean(traced[root(run) & there])) if (root(run) & there).any() else np.nan
-    rim = float(np.percentile(traced[there], 99.0)) if there.any() else np.nan
-    hidden = there & (np.abs(traced - before) < _SIGMAS * noise)
+    background_counts = float(calibration.counts(behind)[0])
+    noise = float(np.sqrt(calibration.variance_counts2(np.array([background_counts])))[0])
+    opaque = visible(run) & (run.maps.emissivity > _OPAQUE)
+    core = float(np.mean(traced[root(run) & opaque])) if (root(run) & opaque).any() else np.nan
+    rim = float(np.percentile(traced[opaque], 99.0)) if opaque.any() else np.nan
+    hidden = opaque & (np.abs(traced - background_counts) < _SIGMAS * noise)
     count, invisible_K = float(np.count_nonzero(hidden)), mean_K(run, hidden)
     return Found(
         values={
             "background_K": _BACKGROUND_K,
-            "before": before,
+            "before": background_counts,
             "core": core,
             "rim": rim,
-            "core_sigma": (before - core) / noise,
-            "rim_sigma": (rim - before) / noise,
+            "core_sigma": (background_counts - core) / noise,
+            "rim_sigma": (rim - background_counts) / noise,
             "hidden": count,
             "invisible_K": invisible_K,
             "invisible_change_K": invisible_K - _BACKGROUND_K,
         },
         table=[
             {
-                "background / counts": before,
+                "background / counts": background_counts,
                 "noise of one exposure / counts": noise,
                 "below the nozzle / counts": core,
                 "brightest rim / counts": rim,

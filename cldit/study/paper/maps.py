@@ -48,9 +48,9 @@ def _along_axis(run: Run) -> tuple[np.ndarray, np.ndarray]:
     x, z = spray.x_m, spray.z_m
     on_axis = visible(run) & (np.abs(x) < _AXIS_M)
     depth = np.arange(0.0, 0.12, 4e-3)
-    found = [mean_K(run, on_axis & (z < -top) & (z >= -top - 4e-3)) for top in depth]
-    known = np.isfinite(found)
-    return depth[known] + 2e-3, np.array(found)[known]
+    means_K = [mean_K(run, on_axis & (z < -top) & (z >= -top - 4e-3)) for top in depth]
+    finite = np.isfinite(means_K)
+    return depth[finite] + 2e-3, np.array(means_K)[finite]
 
 
 def methane(lab: Lab) -> Found:
@@ -71,7 +71,7 @@ def methane(lab: Lab) -> Found:
                 "seen down to / mm": float(depth[-1]) * 1e3 if len(depth) else _NAN,
             }
         )
-    last = rows[-1]
+    latest = rows[-1]
     emissivity = run.maps.emissivity[spray_of(run).z_m < -_FAR_M]
     largest = max(float(row["largest emissivity"]) for row in rows)
     return Found(
@@ -80,11 +80,11 @@ def methane(lab: Lab) -> Found:
             "largest": largest,
             "beyond_80_mm": float(np.nanmax(emissivity)) if emissivity.size else _NAN,
             "opening_ms": _OPENING_MS,
-            "last": last["time"],
-            "nozzle_K": last["T_app at the nozzle / K"],
-            "far_K": last["T_app furthest downstream / K"],
-            "far_mm": last["seen down to / mm"],
-            "core_K": float(last["T_app at the nozzle / K"]) - _JET_GAS_K,
+            "last": latest["time"],
+            "nozzle_K": latest["T_app at the nozzle / K"],
+            "far_K": latest["T_app furthest downstream / K"],
+            "far_mm": latest["seen down to / mm"],
+            "core_K": float(latest["T_app at the nozzle / K"]) - _JET_GAS_K,
             "warming": float(spearmanr(depth, warm).statistic) if len(depth) > 2 else _NAN,
         },
         table=rows,
@@ -123,17 +123,17 @@ def open_vapour(folder: Path) -> Path:
     low, high = band.wavenumber_per_cm
     number = np.arange(2000.0, 5000.1, 5.0)
     inside = (number >= low) & (number <= high)
-    text = []
+    table = []
     for row_K in (200.0, *(float(row) for row in band.rows_K)):
         values = np.zeros(len(number))
         values[inside] = band.absorption_m2_mol(number[inside], row_K) * 1e4 / AVOGADRO_PER_MOL
         head = f"{'n-heptane':>20}{number[0]:10.3f}{number[-1]:10.3f}{len(number):7d}{row_K:7.1f}"
         cells = [f"{value:10.3E}" for value in values]
         rows = ["".join(cells[at : at + 10]) for at in range(0, len(cells), 10)]
-        text += [f"{head}{760.0:6.1f}{values.max():10.3E}".ljust(100), *rows]
+        table += [f"{head}{760.0:6.1f}{values.max():10.3E}".ljust(100), *rows]
     path = folder / "tables" / "n-heptane-2-5um.xsc"
     make_folder(path.parent)
-    content = "\n".join(text) + "\n"
+    content = "\n".join(table) + "\n"
     if not path.is_file() or read_text(path) != content:
         write_text(path, content)
     return path
@@ -175,23 +175,23 @@ def conditions(lab: Lab) -> Found:
         for (name, run), wall in zip({**runs, **wide}.items(), walls, strict=True)
     ]
     contrast = [mean_K(run, root(run)) - mean_K(run, tips(run)) for run in wide.values()]
-    away = [abs(mean_K(run, visible(run)) - 300.0) for run in wide.values()]
+    deviations_K = [abs(mean_K(run, visible(run)) - 300.0) for run in wide.values()]
     noise = [float(row["median standard error / K"]) for row in rows[-2:]]
     dry = Phases.of(at[0.6]).vapour_only
     seen_K = at[0.6].maps.apparent_temperature_K[dry]
     return Found(
         values={
-            "filter_K": away[0],
-            "open_K": away[1],
+            "filter_K": deviations_K[0],
+            "open_K": deviations_K[1],
             "filter_noise_K": noise[0],
             "open_noise_K": noise[1],
             "noise_ratio": noise[0] / noise[1],
-            "nearer_K": away[0] - away[1],
+            "nearer_K": deviations_K[0] - deviations_K[1],
             "contrast_change_K": contrast[0] - contrast[1],
             "reach_ratio": spray_of(at[0.9]).reach_m / spray_of(at[0.15]).reach_m,
             "largest_step": max(
-                spray_of(at[after]).reach_m / spray_of(at[before]).reach_m
-                for before, after in pairwise(at)
+                spray_of(at[higher_MPa]).reach_m / spray_of(at[lower_MPa]).reach_m
+                for lower_MPa, higher_MPa in pairwise(at)
             ),
             "dry_change_K": mean_K(at[0.6], dry) - 570.0,
             "near": 100.0 * float(np.mean(np.abs(seen_K - 570.0) < 20.0)) if seen_K.size else _NAN,
@@ -226,25 +226,25 @@ def _within_1_K(change: Change) -> float:
 def order(lab: Lab) -> Found:
     """One spray at each time, and a shorter injection; traces of each order and of all orders."""
     cases = [(_DURATIONS_MS[0], time_ms) for time_ms in _TIMES_MS] + [(_DURATIONS_MS[1], 0.95)]
-    every: dict[tuple[float, float], Run] = {}
+    unlimited: dict[tuple[float, float], Run] = {}
     runs: dict[tuple[float, float, int], Run] = {}
     none: dict[float, Run] = {}
     changes: dict[tuple[float, float, int], Change] = {}
     rows: list[Row] = []
-    left: list[str] = []
+    remainders: list[str] = []
     for case in cases:
         open_ms, time_ms = case
         values: dict[str, Any] = {"spray.time_s": time_ms * 1e-3, **open_for(open_ms * 1e-3)}
         # The spray of 0.95 ms is that of the other studies, and named after it.
         name = "gdi" if time_ms == 0.95 else f"gdi-{time_ms:g}ms"
         name += "" if open_ms == _DURATIONS_MS[0] else f"-open-{open_ms:g}ms"
-        all_orders = every[case] = lab.run(lab.gdi(f"{name}-all-orders", values))
-        near, away = root(all_orders), _beyond(all_orders)
-        here: dict[int, Change] = {}
+        all_orders = unlimited[case] = lab.run(lab.gdi(f"{name}-all-orders", values))
+        nozzle, downstream = root(all_orders), _beyond(all_orders)
+        by_order: dict[int, Change] = {}
         for number in _ORDERS:
             scene = lab.gdi(f"{name}-order-{number}", {**values, "transport.order": number})
             run = runs[*case, number] = lab.run(scene)
-            change = here[number] = changes[*case, number] = Change.of(run, all_orders)
+            change = by_order[number] = changes[*case, number] = Change.of(run, all_orders)
             rows.append(
                 {
                     "open for / ms": open_ms,
@@ -253,39 +253,39 @@ def order(lab: Lab) -> Found:
                     "RMS / K": change.rms(),
                     "99th percentile / K": change.largest(),
                     "mean / K": change.mean(),
-                    "RMS below the nozzle / K": change.rms(near),
-                    "RMS beyond / K": change.rms(away),
+                    "RMS below the nozzle / K": change.rms(nozzle),
+                    "RMS beyond / K": change.rms(downstream),
                     "within 1 K / %": _within_1_K(change),
                 }
             )
         if time_ms == 0.95:
             none[open_ms] = lab.run(lab.gdi(f"{name}-absorb-only", {**values, **_AHEAD}))
-        left.append(
-            f"{', '.join(f'{here[number].rms():.2g}' for number in _ORDERS)} K at {time_ms:g} ms"
+        remainders.append(
+            f"{', '.join(f'{by_order[n].rms():.2g}' for n in _ORDERS)} K at {time_ms:g} ms"
             + ("" if open_ms == _DURATIONS_MS[0] else f" of an injection of {open_ms:g} ms")
             + (
-                f" (order 1: {here[1].rms(near):.2g} K below the nozzle, {here[1].rms(away):.2g} K "
-                "beyond)"
+                f" (order 1: {by_order[1].rms(nozzle):.2g} K below the nozzle, "
+                f"{by_order[1].rms(downstream):.2g} K beyond)"
             )
         )
-    found: dict[str, float | str] = {}
+    by_duration: dict[str, float | str] = {}
     for key, open_ms in zip(("", "short_"), _DURATIONS_MS, strict=True):
         case = open_ms, 0.95
-        near, away = root(every[case]), _beyond(every[case])
-        first = Change.of(runs[*case, 0], runs[*case, 1])
+        nozzle, downstream = root(unlimited[case]), _beyond(unlimited[case])
+        single_scattering = Change.of(runs[*case, 0], runs[*case, 1])
         third = Change.of(runs[*case, 1], runs[*case, 3])
         only = Change.of(none[open_ms], runs[*case, 1])
-        for word, change in (("first", first), ("third", third), ("only", only)):
-            found[f"{key}{word}_rms_K"] = change.rms()
-            found[f"{key}{word}_largest_K"] = change.largest()
-            found[f"{key}{word}_why"] = (
-                f"it is {change.rms(near):.3g} K 1 to 8 mm below the nozzle, and "
-                f"{change.rms(away):.2g} K beyond (RMS)"
+        for word, change in (("first", single_scattering), ("third", third), ("only", only)):
+            by_duration[f"{key}{word}_rms_K"] = change.rms()
+            by_duration[f"{key}{word}_largest_K"] = change.largest()
+            by_duration[f"{key}{word}_why"] = (
+                f"it is {change.rms(nozzle):.3g} K 1 to 8 mm below the nozzle, and "
+                f"{change.rms(downstream):.2g} K beyond (RMS)"
             )
-        found[f"{key}third_within"] = _within_1_K(third)
-        found[f"{key}third_beyond_K"] = third.rms(away)
+        by_duration[f"{key}third_within"] = _within_1_K(third)
+        by_duration[f"{key}third_beyond_K"] = third.rms(downstream)
     case = _DURATIONS_MS[0], 0.95
-    near, away = root(every[case]), _beyond(every[case])
+    nozzle, downstream = root(unlimited[case]), _beyond(unlimited[case])
     zero = changes[*case, 0]
     shown = {
         f"order {number}, {time_ms:g} ms": changes[_DURATIONS_MS[0], time_ms, number].image
@@ -300,21 +300,21 @@ def order(lab: Lab) -> Found:
     }
     short |= {
         f"no scattering, open for {open_ms:g} ms": Change.of(
-            none[open_ms], every[open_ms, 0.95]
+            none[open_ms], unlimited[open_ms, 0.95]
         ).image
         for open_ms in _DURATIONS_MS
     }
-    frame = frame_of(every[case].scene)
+    frame = frame_of(unlimited[case].scene)
     return Found(
         values={
-            **found,
+            **by_duration,
             "orders": ", ".join(str(number) for number in _ORDERS),
-            "left": "; ".join(left),
+            "left": "; ".join(remainders),
             "early_ratio": changes[_DURATIONS_MS[0], 0.3, 0].rms() / zero.rms(),
-            "near_ratio": zero.rms(near) / zero.rms(),
+            "near_ratio": zero.rms(nozzle) / zero.rms(),
             "none_K": zero.mean(),
-            "none_near_K": zero.mean(near),
-            "none_away_K": zero.mean(away),
+            "none_near_K": zero.mean(nozzle),
+            "none_away_K": zero.mean(downstream),
         },
         table=rows,
         sheets={
@@ -339,10 +339,10 @@ def all_round(run: Run) -> Run:
     """The same trace with the background on all of the enclosure: walls count as background."""
 
     def joined(weights: Weights) -> Weights:
-        every = sum(weights.patches.values(), weights.background + weights.wall)
-        return replace(weights, background=every, wall=np.zeros_like(every), patches={})
+        background = sum(weights.patches.values(), weights.background + weights.wall)
+        return replace(weights, background=background, wall=np.zeros_like(background), patches={})
 
-    parts = tuple(joined(each) for each in run.spectral)
+    parts = tuple(joined(weights) for weights in run.spectral)
     return reevaluated(replace(run, spectral=parts, reference=joined(run.reference)), run.scene)
 
 
@@ -356,7 +356,7 @@ def walls(lab: Lab) -> Found:
     droplets = droplets_K(lab.spray(run.scene), within_m=10e-3)
     dry = Phases.of(run).vapour_only
     below = {name: mean_K(case, root(case)) for name, case in cases.items()}
-    around = {name: mean_K(case, dry) for name, case in cases.items()}
+    vapour_K = {name: mean_K(case, dry) for name, case in cases.items()}
     emissivity = {name: mean_emissivity(case, root(case)) for name, case in cases.items()}
     round_K, cold_K, hot_K = (below[name] for name in ("all round", "walls 0 K", "walls 570 K"))
     band = run.quadrature.filter_um
@@ -369,9 +369,9 @@ def walls(lab: Lab) -> Found:
             "below_round_K": round_K,
             "below_cold_K": cold_K,
             "below_hot_K": hot_K,
-            "around_cold_K": around["walls 0 K"],
-            "around_hot_K": around["walls 570 K"],
-            "around_change_K": abs(around["walls 570 K"] - around["walls 0 K"]),
+            "around_cold_K": vapour_K["walls 0 K"],
+            "around_hot_K": vapour_K["walls 570 K"],
+            "around_change_K": abs(vapour_K["walls 570 K"] - vapour_K["walls 0 K"]),
             "nearest_K": abs(min((below_K - droplets for below_K in below.values()), key=abs)),
             "cold_off_K": abs(cold_K - droplets),
             "cold_change_K": cold_K - round_K,
@@ -383,7 +383,7 @@ def walls(lab: Lab) -> Found:
                 "case": name,
                 "T_app below the nozzle / K": below[name],
                 "emissivity below the nozzle": emissivity[name],
-                "T_app of vapour alone / K": around[name],
+                "T_app of vapour alone / K": vapour_K[name],
                 "droplets below the nozzle / K": droplets,
             }
             for name in cases

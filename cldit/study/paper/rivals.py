@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from scipy.special import ndtri
 
 from cldit.arrays import Floats
 from cldit.comparison.rivals import drawn, in_band, rivals_of
@@ -31,7 +30,6 @@ _ALONE = {"T_app": (0, "T_app"), "emissivity": (0, "emissivity"), "extinction": 
 _TOGETHER = "all three"
 _LEAST_EMISSIVITY = 0.05  # also of extinction, of which a few droplets make as much
 _CAMPAIGNS = {False: 20, True: 6}  # of each model, by `quick`
-_LIMIT = float(ndtri(1.0 - LEVEL))
 
 
 def models(lab: Lab, campaigns: int | None = None) -> Found:
@@ -52,32 +50,26 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         return lab.run(scene if band is None else in_band(scene, band))
 
     runs = [{name: run(scene, band) for name, scene in scenes.items()} for band in bands]
-    first = [
-        rivals_of(
+
+    def rivals(of: Mapping[str, Run], name: str) -> Rivals:
+        return rivals_of(
             of[_REFERENCE],
-            of[_REFERENCE],
+            of[name],
             lambda scene, _: lab.run(scene),
             unknowns=unknowns,
             least_emissivity=_LEAST_EMISSIVITY,
         )
-        for of in runs
-    ]
-    seen = [
-        {name: _seen(rivals, each) for name, each in of.items()}
-        for rivals, of in zip(first, runs, strict=True)
-    ]
+
+    against = [{name: rivals(of, name) for name in _MODELS} for of in runs]
     low_K, high_K = (pick(scenes[_REFERENCE].background.temperatures_K) for pick in (min, max))
     backgrounds = temperatures_K(low_K, high_K, _BACKGROUNDS)
     pairs = {
-        (one, other): [
-            replace(rivals, model=of[one], rival=of[other])
-            for rivals, of in zip(first, seen, strict=True)
-        ]
-        for one, other in combinations(_MODELS, 2)
+        (model, rival): [_pair(of[model], of[rival]) for of in against]
+        for model, rival in combinations(_MODELS, 2)
     }
     tests = {pair: [rivals.test(backgrounds) for rivals in of] for pair, of in pairs.items()}
     data = [
-        (name, [_seen(rivals, run(true, band)) for rivals, band in zip(first, bands, strict=True)])
+        (name, [_seen(of[name], run(true, band)) for of, band in zip(against, bands, strict=True)])
         for number, (name, scene) in enumerate(scenes.items())
         for _, true in drawn(scene, unknowns, count, seed=10 + number)
     ]
@@ -85,14 +77,18 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
     rows: list[Row] = []
     right = wrong = asked = 0
     for pair, of in tests.items():
-        together = SeparationTest.joined(of)
-        needed = {name: fewest(of[band], [one]) for name, (band, one) in _ALONE.items()}
-        needed[_TOGETHER] = fewest(together)
-        separated, excluded, made = _confirmed(pair, pairs[pair], together, data, backgrounds, rng)
-        alone = together.distance(1)
+        joint = SeparationTest.joined(of)
+        needed = {
+            name: fewest(of[band], [observable]) for name, (band, observable) in _ALONE.items()
+        }
+        needed[_TOGETHER] = fewest(joint)
+        separated, excluded, campaigns_of_pair = _confirmed(
+            pair, pairs[pair], joint, data, backgrounds, rng
+        )
+        single_injection = joint.distance(1)
         wrong += excluded
-        if alone >= NEEDED:
-            right, asked = right + separated, asked + made
+        if single_injection >= NEEDED:
+            right, asked = right + separated, asked + campaigns_of_pair
         masses = [runs[0][name].info.spray for name in pair]
         best = min(needed, key=lambda name: needed[name] or np.inf)
         rows.append(
@@ -105,22 +101,22 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
                     for phase in ("liquid", "vapour")
                 },
                 **{
-                    f"{name}, sigma": of[band].distance(_INJECTIONS, [one])
-                    for name, (band, one) in _ALONE.items()
+                    f"{name}, sigma": of[band].distance(_INJECTIONS, [observable])
+                    for name, (band, observable) in _ALONE.items()
                 },
-                f"{_TOGETHER}, sigma": together.distance(_INJECTIONS),
-                f"{_TOGETHER}, sigma of 1 injection": alone,
+                f"{_TOGETHER}, sigma": joint.distance(_INJECTIONS),
+                f"{_TOGETHER}, sigma of 1 injection": single_injection,
                 "separated by": "none" if needed[best] is None else best,
                 "injections": str(needed[best] or "none"),
-                "confirmed": f"{separated} of {made}",
+                "confirmed": f"{separated} of {campaigns_of_pair}",
             }
         )
     reference = runs[0][_REFERENCE]
-    mixing = next(one for one in unknowns if one.key == "spray.mixing_length")
+    mixing = next(unknown for unknown in unknowns if unknown.key == "spray.mixing_length")
     eddies = lab.run(reference.scene.with_(**mixing.values(1.0)))
     off_K = {name: Change.of(runs[0][name], reference).rms() for name in _MODELS[1:]}
-    liquid = {name: each.info.spray["liquid_mass_kg"] for name, each in runs[0].items()}
-    vapour = {name: each.info.spray["vapour_mass_kg"] for name, each in runs[0].items()}
+    liquid = {name: run.info.spray["liquid_mass_kg"] for name, run in runs[0].items()}
+    vapour = {name: run.info.spray["vapour_mass_kg"] for name, run in runs[0].items()}
 
     def largest(name: str) -> float:
         return max(float(row[f"{name}, sigma"]) for row in rows)
@@ -132,7 +128,7 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         values={
             "needed": NEEDED,
             "pixels": reference.scene.camera.pixels[0],
-            "unknowns": ", ".join(one.text for one in unknowns),
+            "unknowns": ", ".join(unknown.text for unknown in unknowns),
             "t_app": largest("T_app"),
             "emissivity": largest("emissivity"),
             "extinction": largest("extinction"),
@@ -152,6 +148,17 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
     )
 
 
+def _pair(model: Rivals, rival: Rivals) -> Rivals:
+    """Two models, each with draws of its own, of which both are the rivals of a third."""
+    draws = zip(model.draws, rival.draws, strict=True)
+    return replace(
+        model,
+        model=model.rival,
+        rival=rival.rival,
+        draws=[(sizes, draw, rival_draw) for (sizes, _, draw), (_, _, rival_draw) in draws],
+    )
+
+
 def _seen(rivals: Rivals, run: Run) -> Subject:
     return rivals.model.of_model(run.scene, run.quadrature, run.spectral, run.reference)
 
@@ -168,7 +175,7 @@ def _confirmed(
 
     A campaign is one injection and one reference per background with the camera's noise.
     """
-    z, root = test.distance(1), np.linalg.cholesky(test.noise)
+    root = np.linalg.cholesky(test.noise)
     separated = excluded = count = 0
     for true, subjects in data:
         if true not in pair:
@@ -177,10 +184,9 @@ def _confirmed(
             [of.data(seen, backgrounds_K) for of, seen in zip(rivals, subjects, strict=True)]
         )
         noise = np.einsum("bij,bj->bi", root, rng.standard_normal(residual.shape))
-        score = test.score(residual + noise, 1)
-        off = score, z - score  # of the first model, and of the second
+        chances = test.p_values(residual + noise, 1)
         right = pair.index(true)
         count += 1
-        excluded += off[right] > _LIMIT
-        separated += off[1 - right] > _LIMIT >= off[right]
+        excluded += chances[right] < LEVEL
+        separated += chances[1 - right] < LEVEL <= chances[right]
     return separated, excluded, count

@@ -32,7 +32,7 @@ def change_rows(reference: Run, cases: Mapping[str, Run]) -> list[Row]:
     phases = Phases.of(reference)
     places: dict[str, Mask | None] = {
         "all": None,
-        "both phases": phases.both,
+        "both phases": phases.mixed,
         "vapour only": phases.vapour_only,
     }
     rows: list[Row] = []
@@ -59,14 +59,14 @@ def change_figures(
     about = sentences()[study]["about"]
     images = {name: Change.of(case, reference).image for name, case in cases.items()}
     title = f"T_app minus that of {reference_name}"
-    frame, every = frame_of(reference.scene), {reference_name: reference, **cases}
+    frame, all_runs = frame_of(reference.scene), {reference_name: reference, **cases}
     return {
         "changes": Figure.of(
             changes_sheet(images, frame, title=title, limit_K=limit_K),
             f"Difference of apparent temperature to {reference_name}, {about}.",
         ),
         "maps": Figure.of(
-            maps_sheet(every, title="apparent temperature"),
+            maps_sheet(all_runs, title="apparent temperature"),
             f"The maps themselves, {about}.",
         ),
     }
@@ -99,7 +99,7 @@ def sizes(lab: Lab) -> Found:
     off = sorted(Change.of(run, reference).rms() for run in cases.values())
     chance_K = Change.of(chance, reference).rms()
     liquid_mg = [run.info.spray["liquid_mass_kg"] * 1e6 for run in runs.values()]
-    every = {**cases, _CHANCE: chance}
+    all_cases = {**cases, _CHANCE: chance}
     return Found(
         values={
             "least_mg": min(liquid_mg),
@@ -111,8 +111,8 @@ def sizes(lab: Lab) -> Found:
             "mean_K": max((Change.of(run, reference).mean() for run in cases.values()), key=abs),
             "tips_K": tips_change_K(list(cases.values())[1], reference),
         },
-        table=change_rows(reference, every),
-        figures=change_figures("sizes", reference, every, reference_name=named, limit_K=20.0),
+        table=change_rows(reference, all_cases),
+        figures=change_figures("sizes", reference, all_cases, reference_name=named, limit_K=20.0),
     )
 
 
@@ -140,7 +140,7 @@ def pairs() -> dict[str, tuple[float, float, float]]:
 def index(lab: Lab) -> Found:
     """One spray with five refractive indices at one wavelength."""
     reference = lab.run(lab.gdi("gdi", _WALLS))
-    found = pairs()
+    indices = pairs()
     runs = {
         name: lab.run(
             lab.gdi(
@@ -148,14 +148,14 @@ def index(lab: Lab) -> Found:
                 {**_WALLS, "optics.n": float(f"{n:.4g}"), "optics.k": float(f"{k:.3g}")},
             )
         )
-        for number, (name, (_, n, k)) in enumerate(found.items(), start=1)
+        for number, (name, (_, n, k)) in enumerate(indices.items(), start=1)
     }
-    shown = {f"n {n:.3f}, k {k:.3f}": runs[name] for name, (_, n, k) in found.items()}
-    here, dry = root(reference), Phases.of(reference).vapour_only
-    below = {name: Change.of(run, reference).mean(here) for name, run in runs.items()}
+    shown = {f"n {n:.3f}, k {k:.3f}": runs[name] for name, (_, n, k) in indices.items()}
+    nozzle, dry = root(reference), Phases.of(reference).vapour_only
+    below = {name: Change.of(run, reference).mean(nozzle) for name, run in runs.items()}
     rows: list[Row] = [
         {**row, "wavelength / um": um, "n": n, "k": k}
-        for row, (um, n, k) in zip(change_rows(reference, runs), found.values(), strict=True)
+        for row, (um, n, k) in zip(change_rows(reference, runs), indices.values(), strict=True)
     ]
     extremes = max(abs(below["lowest k"]), abs(below["highest k"]))
     return Found(
@@ -188,8 +188,8 @@ def vapour(lab: Lab) -> Found:
         values = {**_WALLS, "optics.vapour_m2_mol": _PAPER_m2_mol * (1 + share / 100)}
         cases[f"{share:+d} %"] = lab.run(lab.gdi(f"vapour{share:+d}", values))
     phases = Phases.of(reference)
-    less, more = (Change.of(run, reference) for run in cases.values())
-    seen_K, band = mean_K(reference, phases.both), scene_filter(reference.scene)
+    decrease, increase = (Change.of(run, reference) for run in cases.values())
+    seen_K, band = mean_K(reference, phases.mixed), scene_filter(reference.scene)
     light = float(band_radiance(seen_K, filter_um=band))
     needed = float(band_radiance(seen_K + 10.0, filter_um=band)) / light - 1.0
     return Found(
@@ -197,14 +197,14 @@ def vapour(lab: Lab) -> Found:
             "seen_K": seen_K,
             "needed": 100 * needed,
             "largest_K": float(temperature_of_radiance(1.1 * light, filter_um=band)) - seen_K,
-            "less_K": less.rms(phases.both),
-            "more_K": more.rms(phases.both),
-            "less_mean_K": less.mean(phases.both),
-            "more_mean_K": more.mean(phases.both),
-            "product_K2": more.mean(phases.both) * less.mean(phases.both),
-            "less_dry_K": less.rms(phases.vapour_only),
-            "more_dry_K": more.rms(phases.vapour_only),
-            "dry_K": max(each.rms(phases.vapour_only) for each in (more, less)),
+            "less_K": decrease.rms(phases.mixed),
+            "more_K": increase.rms(phases.mixed),
+            "less_mean_K": decrease.mean(phases.mixed),
+            "more_mean_K": increase.mean(phases.mixed),
+            "product_K2": increase.mean(phases.mixed) * decrease.mean(phases.mixed),
+            "less_dry_K": decrease.rms(phases.vapour_only),
+            "more_dry_K": increase.rms(phases.vapour_only),
+            "dry_K": max(change.rms(phases.vapour_only) for change in (increase, decrease)),
         },
         table=change_rows(reference, cases),
         figures=change_figures(
@@ -279,7 +279,8 @@ def evaporation(lab: Lab) -> Found:
             "frolov_root_K": root_change_K(*pairs[0.6, "frolov-type"]),
             "chance_share": changes[0.6, _CHANCE].rms() / hot_K,
             "mean_K": max(
-                (each.mean() for (_, model), each in changes.items() if model != _CHANCE), key=abs
+                (change.mean() for (_, model), change in changes.items() if model != _CHANCE),
+                key=abs,
             ),
         },
         table=rows,
@@ -296,14 +297,14 @@ def fuel_temperature(lab: Lab) -> Found:
     warm = lab.run(lab.gdi("fuel-370", {**early, "spray.fuel_temperature_K": 370.0}))
     cold = lab.run(lab.gdi("fuel-330", {**early, "spray.fuel_temperature_K": 330.0}))
     # Each trace serves all walls.
-    others = {
+    by_walls = {
         f"walls {wall_K:g} K": [
             reevaluated(run, run.scene.with_(**{"walls.temperature_K": wall_K}))
             for run in (warm, cold)
         ]
         for wall_K in _OTHER_WALLS_K
     }
-    others["background all round"] = [all_round(run) for run in (warm, cold)]
+    by_walls["background all round"] = [all_round(run) for run in (warm, cold)]
     z = spray_of(warm).z_m
     rows: list[dict[str, float | str]] = []
     for top in np.arange(1e-3, 25e-3, 4e-3):
@@ -315,26 +316,26 @@ def fuel_temperature(lab: Lab) -> Found:
             "T_app, fuel 330 K / K": means[1],
             "difference / K": means[0] - means[1],
         }
-        for name, pair in others.items():
-            first, second = (mean_K(run, layer & visible(run)) for run in pair)
-            row[f"difference, {name} / K"] = first - second
+        for name, pair in by_walls.items():
+            warm_K, cold_K = (mean_K(run, layer & visible(run)) for run in pair)
+            row[f"difference, {name} / K"] = warm_K - cold_K
         rows.append(row)
     below = root_change_K(warm, cold)
     droplets = [droplets_K(lab.spray(run.scene), within_m=10e-3) for run in (warm, cold)]
-    last = [row for row in rows if np.isfinite(float(row["difference / K"]))][-1]
+    lowest = [row for row in rows if np.isfinite(float(row["difference / K"]))][-1]
     return Found(
         values={
             "warm_K": droplets[0],
             "cold_K": droplets[1],
             "apart_K": droplets[0] - droplets[1],
             "below_K": below,
-            "below_0_K": root_change_K(*others["walls 0 K"]),
-            "below_300_K": root_change_K(*others["walls 300 K"]),
+            "below_0_K": root_change_K(*by_walls["walls 0 K"]),
+            "below_300_K": root_change_K(*by_walls["walls 300 K"]),
             "fading": tips_change_K(warm, cold) / below,
-            "last_K": last["difference / K"],
-            "last_place": last["below the nozzle"],
+            "last_K": lowest["difference / K"],
+            "last_place": lowest["below the nozzle"],
             "before": "; ".join(
-                f"{root_change_K(*pair):.0f} K with {name}" for name, pair in others.items()
+                f"{root_change_K(*pair):.0f} K with {name}" for name, pair in by_walls.items()
             ),
         },
         table=rows,

@@ -30,7 +30,7 @@ class Repeated:
     numbers; empty if no spray is computed.
     """
 
-    found: Found
+    mean: Found
     errors: Mapping[str, float]
     row_errors: Sequence[Mapping[str, float]]
     seeds: tuple[int, ...] = ()
@@ -44,52 +44,52 @@ def repeat(
     If it has computed sprays, further seeds follow until all verdicts are `decided`, at least one
     and at most `MOST_SEEDS` in all.
     """
-    first = study(lab)
-    if not lab.used or not first.repeated:
-        return Repeated(first, {}, ())
+    initial = study(lab)
+    if not lab.used or not initial.repeated:
+        return Repeated(initial, {}, ())
     aside = replace(lab, used={})
     coarse = study(replace(aside, coarser=2.0))
-    every = [first]
+    repetitions = [initial]
     if not any(isinstance(scene.spray, LagrangianSpray) for scene in lab.used.values()):
-        return replace(_combined(every, coarse, first_seed=lab.seed), seeds=())
+        return replace(_combined(repetitions, coarse, first_seed=lab.seed), seeds=())
     while True:
-        every.append(study(replace(aside, seed=lab.seed + len(every))))
-        found = _combined(every, coarse, first_seed=lab.seed)
-        if len(every) >= MOST_SEEDS[lab.quick] or decided(found):
-            return found
+        repetitions.append(study(replace(aside, seed=lab.seed + len(repetitions))))
+        repeated = _combined(repetitions, coarse, first_seed=lab.seed)
+        if len(repetitions) >= MOST_SEEDS[lab.quick] or decided(repeated):
+            return repeated
 
 
-def _combined(every: Sequence[Found], coarse: Found, *, first_seed: int) -> Repeated:
-    values, errors = _means([each.values for each in every], coarse.values)
+def _combined(repetitions: Sequence[Found], coarse: Found, *, first_seed: int) -> Repeated:
+    values, errors = _means([repetition.values for repetition in repetitions], coarse.values)
     pairs = [
         _means(rows[:-1], rows[-1])
-        for rows in zip(*(each.table for each in (*every, coarse)), strict=True)
+        for rows in zip(*(repetition.table for repetition in (*repetitions, coarse)), strict=True)
     ]
     return Repeated(
-        found=replace(every[0], values=values, table=[row for row, _ in pairs]),
+        mean=replace(repetitions[0], values=values, table=[row for row, _ in pairs]),
         errors=errors,
         row_errors=[row for _, row in pairs],
-        seeds=tuple(range(first_seed, first_seed + len(every))),
+        seeds=tuple(range(first_seed, first_seed + len(repetitions))),
     )
 
 
 def _means(
-    every: Sequence[Row | Mapping[str, Value]], coarse: Row | Mapping[str, Value]
+    repetitions: Sequence[Row | Mapping[str, Value]], coarse: Row | Mapping[str, Value]
 ) -> tuple[dict[str, Value], dict[str, float]]:
     """Means of the numbers of several mappings with one set of keys, and their errors.
 
     The error is that of the mean (Student's t for few repetitions), and in quadrature the change
     that coarser cells make with the first seed: that of first order at least.
     """
-    means: dict[str, Value] = dict(every[0])
+    means: dict[str, Value] = dict(repetitions[0])
     errors: dict[str, float] = {}
-    for name, first in every[0].items():
-        if isinstance(first, str) or isinstance(coarse[name], str):
+    for name, initial in repetitions[0].items():
+        if isinstance(initial, str) or isinstance(coarse[name], str):
             continue
-        numbers = [float(each[name]) for each in every]
+        numbers = [float(repetition[name]) for repetition in repetitions]
         chance = 0.0
         if len(numbers) > 1:
             chance = float(stats.sem(numbers) * stats.t.ppf(_SIGMA, len(numbers) - 1))
         means[name] = float(np.mean(numbers))
-        errors[name] = math.hypot(chance, float(coarse[name]) - float(first))
+        errors[name] = math.hypot(chance, float(coarse[name]) - float(initial))
     return means, errors

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
 
-from cldit.comparison.permutation import permutation_p
+from cldit.comparison.members import permutation_p
 
 _MEMBERS = 12
 

@@ -56,3 +56,11 @@ def test_draws_have_the_priors() -> None:
     assert len({one.spray.seed for one in scenes}) == 5
     assert np.std([size[1] for size in sizes]) > 0.1
     assert drawn(load_scene("empty"), (), 5, seed=3) == []
+
+
+def test_a_rival_keeps_its_own_values() -> None:
+    """Draws of another model have the same deviations about the values of its scene."""
+    scene = load_scene("gdi")
+    (mixing,) = unknowns_of(scene, {"spray.mixing_length": "10 %"})
+    other = mixing.of_scene(scene.with_(**{"spray.mixing_length": 0.03}))
+    assert other.values(2.0) == {"spray.mixing_length": pytest.approx(0.03 + 2.0 * 0.0018)}

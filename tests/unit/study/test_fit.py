@@ -43,8 +43,8 @@ def test_the_errors_of_radiance_are_those_of_the_data(recorded: Run) -> None:
     """Chi-square of the truth is that of 2 N numbers, to 4 standard deviations of (2 / 2 N)^1/2;
     0.1 less is allowed: a scatter between shots that is 0 is never estimated below 0."""
     parts = unshared(open_shown(recorded, acquired=True), open_shown(recorded))
-    data = RadianceData.of(parts.one, parts.other)
-    residuals = data.residuals(parts.other)
+    data = RadianceData.of(parts.baseline, parts.compared)
+    residuals = data.residuals(parts.compared)
     count = data.values.size
     spread = 4.0 * math.sqrt(2.0 / count)
     assert 1.0 - spread - 0.1 < residuals @ residuals / count < 1.0 + spread

@@ -70,8 +70,8 @@ def _page() -> StudyPage:
         figures={"maps": Figure(png_of(figure), "caption")},
         table=[{"case": "a|b", "T_app / K": 400.123456}, {"case": "c", "T_app / K": math.nan}],
         verdicts=(
-            Verdict(claim="good", value=0.5, unit="K", high=1.0, why="never shown"),
-            Verdict(claim="bad", value=2.0, unit="K", high=1.0, why="for a reason"),
+            Verdict(claim="good", value=0.5, unit="K", high=1.0, reason="never shown"),
+            Verdict(claim="bad", value=2.0, unit="K", high=1.0, reason="for a reason"),
         ),
         scenes={"gdi": load_scene("gdi-cone")},
         quick=True,

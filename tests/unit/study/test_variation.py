@@ -42,7 +42,7 @@ def test_error_of_cells_is_the_step_between_them() -> None:
     assert found.seeds == (1, 2)
     assert found.errors == pytest.approx({"value": 0.7})
     assert found.row_errors[0]["value / K"] == pytest.approx(0.7)
-    assert found.found.values["name"] == "text"
+    assert found.mean.values["name"] == "text"
 
 
 def test_error_by_chance_holds_the_truth() -> None:
@@ -53,7 +53,7 @@ def test_error_by_chance_holds_the_truth() -> None:
         lab = replace(Lab(), seed=first)
         found = repeat(lambda lab: _study(lab, chance=1.0, step=0.0), lab, decided=_never)
         assert len(found.seeds) == MOST_SEEDS[False]
-        inside += abs(float(found.found.values["value"]) - 5.0) < found.errors["value"]
+        inside += abs(float(found.mean.values["value"]) - 5.0) < found.errors["value"]
     assert 9 <= inside <= 23
 
 
