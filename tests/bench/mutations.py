@@ -91,8 +91,8 @@ MUTATIONS = (
         "if (crosses) return side;", "kernels/test_image.py", "kernels"),
     # scene: a value that should be refused, a base that wins, a unit
     row("cldit/scene/curves.py", "if upper <= lower:", "if upper < lower:", "unit/scene"),
-    row("cldit/scene/load.py", 'merged({**below, "name": path.stem}, over)',
-        'merged(over, {**below, "name": path.stem})', "unit/scene"),
+    row("cldit/scene/load.py", 'merged({**below, "name": name}, over)',
+        'merged(over, {**below, "name": name})', "unit/scene"),
     row("cldit/scene/values.py", '"ms": -3, "us": -6', '"ms": -3, "us": -3', "unit/scene",
         "unit/cfd"),
     # sprays: a moment, a mass that is lost, a force, a property, a look-up
