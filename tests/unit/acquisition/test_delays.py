@@ -15,7 +15,7 @@ from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan, plan_
 from cldit.acquisition.dry_runs import dry_run
 from cldit.acquisition.export import export
 from cldit.acquisition.plan import Group
-from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
+from cldit.api.folder_evaluation import evaluate_folder, evaluate_groups
 from cldit.cli import main
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, EvaluationError, SceneError
@@ -118,10 +118,11 @@ def test_maps_table_and_exports_by_delay(
         assert len(tiff.series) == 3 * 3 * 2 and "440 K injection at 1.5 ms" in str(
             tiff.ome_metadata
         )
-    with pytest.raises(EvaluationError, match="contains 3 delays; give `delay`"):
+    allowed = r"allowed: one of Group\(filter=0, delay=0\): 0.5 ms; "
+    with pytest.raises(EvaluationError, match=f"group None; {allowed}"):
         evaluate_folder(folder)
-    with pytest.raises(EvaluationError, match=r"delay 3; allowed: 0\.\.2"):
-        evaluate_folder(folder, delay=3)
+    with pytest.raises(EvaluationError, match=rf"group Group\(filter=0, delay=3\); {allowed}"):
+        evaluate_folder(folder, group=Group(delay=3))
 
 
 @pytest.mark.slow
@@ -133,9 +134,9 @@ def test_one_bad_delay_keeps_none_of_the_others(
     acquire(open_rig(rig_of_three), plan_of_three, folder)
     for path in (folder / "shots").glob("b*_d01_inj_*.tif"):
         path.unlink()
-    found = evaluate_delays(folder)
-    assert [one.evaluation is not None for one in found] == [True, False, True]
-    assert found[1].problem
+    groups = evaluate_groups(open_acquisition(folder))
+    assert [group.evaluation is not None for group in groups] == [True, False, True]
+    assert groups[1].problem
     result = CliRunner().invoke(main, ["evaluate", str(folder)])
     assert result.exit_code == 1 and "at 0.95 ms:" in result.output
     assert len((folder / "maps" / "delays.csv").read_text().splitlines()) == 3
