@@ -6,7 +6,6 @@ own maker's camera and the other's.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -25,6 +24,7 @@ from viva_genicam.testing import FakeGigeCamera  # (after the check that it is t
 
 from tests.aravis import aravis_peer
 from tests.emulators.rig import CALIBRATION
+from tests.patience import HANG_s, until
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.genicam_camera import GenicamCamera
@@ -132,11 +132,8 @@ def test_control_is_given_back(client: str) -> None:
         camera = driver(fake.ip, client)
         assert fake.controller() is not None
         camera.close()
-        end = time.monotonic() + 5.0
-        while fake.controller() is not None:
-            assert time.monotonic() < end
-            time.sleep(0.01)
-        camera.connect(5.0)
+        until(lambda: fake.controller() is None)
+        camera.connect(HANG_s)
         camera.configure(1e-3, Roi(0, 0, 64, 48))  # its sensor has 33 MB a picture
         assert len(shoot(camera)) == 1
         camera.close()

@@ -22,6 +22,7 @@ from cldit.rig.protocols import TriggerInfo, TriggerMode
 from tests.emulators.blackbody import ModbusPeer
 from tests.emulators.gige_camera import GigePeer
 from tests.emulators.rig import CALIBRATION
+from tests.patience import HANG_s, until
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
@@ -108,7 +109,7 @@ def test_memory_of_a_genicam_1_0_camera(legacy: bool) -> None:
         GigePeer((64, 48), legacy=legacy) as peer,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
     ):
-        client.settimeout(2.0)
+        client.settimeout(HANG_s)
 
         def ask(command: int, body: bytes) -> bytes:
             head = struct.pack(">BBHHH", 0x42, 1, command, len(body), 1)
@@ -155,7 +156,7 @@ def test_camera_loses_packets(client: str) -> None:
         for number in range(1, 61):
             time.sleep(0.007)
             peer.line()
-            (frame,) = camera.read_frames(1, 1.0)
+            (frame,) = camera.read_frames(1, HANG_s)
             if frame.complete:
                 whole += 1
                 assert np.array_equal(frame.data, peer.image(number))
@@ -180,7 +181,7 @@ def test_camera_frames_that_never_come(client: str) -> None:
             time.sleep(0.01)
             peer.line()
             if number != 1:
-                (frame,) = camera.read_frames(1, 1.0)
+                (frame,) = camera.read_frames(1, HANG_s)
                 ids.append(frame.frame_id - number)
         assert len(set(ids)) == 1
         camera.disarm()
@@ -198,10 +199,9 @@ def test_camera_is_free_after_its_clients_death(client: str) -> None:
         time.sleep(2.0)  # longer than a heartbeat
         assert peer.armed and peer.controlled
         peer.unheard()
-        time.sleep(1.6)
-        assert not peer.armed and not peer.controlled
+        until(lambda: not peer.armed and not peer.controlled)
         second = camera_before(peer, client)
-        second.connect(5.0)
+        second.connect(HANG_s)
         assert peer.controlled
         second.close()
         first.close()
