@@ -1,7 +1,7 @@
 """Drivers of black bodies and cameras against their peers: what the contract tests do not ask.
 
 The peers of the black bodies are checked by minimalmodbus, which is not ours. The camera's peer is
-ours alone; its clients, viva-genicam and Aravis, are not.
+ours alone; its client, viva-genicam, is not.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.genicam_camera import GenicamCamera
+    from drivers.gige_camera import GenicamCamera
     from drivers.modbus_blackbody import open_modbus_blackbody
 else:
     from cldit.drivers.modbus_blackbody import open_modbus_blackbody
@@ -93,8 +93,8 @@ def test_modbus_writes_a_setpoint_once() -> None:
 # Camera
 
 
-def camera_before(peer: GigePeer, client: str, **settings: Any) -> GenicamCamera:
-    made: GenicamCamera = load_driver(client)(
+def camera_before(peer: GigePeer, **settings: Any) -> GenicamCamera:
+    made: GenicamCamera = load_driver("gige_camera")(
         {"address": peer.host, "interface": "127.0.0.1", "calibration": CALIBRATION, **settings},
         CONTEXT,
     )
@@ -127,7 +127,7 @@ def test_memory_of_a_genicam_1_0_camera(legacy: bool) -> None:
 
 
 @pytest.mark.gige
-def test_a_camera_on_loopback_is_searched_there_alone(client: str) -> None:
+def test_a_camera_on_loopback_is_searched_there_alone() -> None:
     """A datagram that is broadcast on a network returns to a socket for all addresses."""
     with (
         GigePeer((64, 48)) as peer,
@@ -137,7 +137,7 @@ def test_a_camera_on_loopback_is_searched_there_alone(client: str) -> None:
         everywhere.bind(("", 3956))
         everywhere.settimeout(0.5)
         for interface in ({"interface": "127.0.0.1"}, {"interface": None}):
-            camera = camera_before(peer, client, **interface)
+            camera = camera_before(peer, **interface)
             camera.connect()
             camera.close()
         with pytest.raises(TimeoutError):
@@ -145,10 +145,10 @@ def test_a_camera_on_loopback_is_searched_there_alone(client: str) -> None:
 
 
 @pytest.mark.gige
-def test_camera_loses_packets(client: str) -> None:
+def test_camera_loses_packets() -> None:
     """At 0.5 % loss every whole picture is bit-exact, and the resends are few."""
     with GigePeer(loss=0.005, seed=3) as peer:
-        camera = camera_before(peer, client)
+        camera = camera_before(peer)
         camera.connect()
         camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=60))
         camera.arm()
@@ -167,10 +167,10 @@ def test_camera_loses_packets(client: str) -> None:
 
 
 @pytest.mark.gige
-def test_camera_frames_that_never_come(client: str) -> None:
+def test_camera_frames_that_never_come() -> None:
     """A gap shows in the ids; half a picture is incomplete, and says so."""
     with GigePeer((64, 48)) as peer:
-        camera = camera_before(peer, client, packet_size=1000)
+        camera = camera_before(peer, packet_size=1000)
         camera.connect()
         camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=4))
         camera.arm()
@@ -189,10 +189,10 @@ def test_camera_frames_that_never_come(client: str) -> None:
 
 
 @pytest.mark.gige
-def test_camera_is_free_after_its_clients_death(client: str) -> None:
+def test_camera_is_free_after_its_clients_death() -> None:
     """A client that dies keeps the camera no longer than the heartbeat; alive, it keeps it."""
     with GigePeer((64, 48)) as peer:
-        first = camera_before(peer, client, heartbeat_s=1.5)
+        first = camera_before(peer, heartbeat_s=1.5)
         first.connect()
         first.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))
         first.arm()
@@ -200,7 +200,7 @@ def test_camera_is_free_after_its_clients_death(client: str) -> None:
         assert peer.armed and peer.controlled
         peer.unheard()
         until(lambda: not peer.armed and not peer.controlled)
-        second = camera_before(peer, client)
+        second = camera_before(peer)
         second.connect(HANG_s)
         assert peer.controlled
         second.close()
@@ -208,9 +208,9 @@ def test_camera_is_free_after_its_clients_death(client: str) -> None:
 
 
 @pytest.mark.gige
-def test_camera_unplugged(client: str) -> None:
+def test_camera_unplugged() -> None:
     with GigePeer((64, 48)) as peer:
-        camera = camera_before(peer, client)
+        camera = camera_before(peer)
         camera.connect()
         peer.switch_off()
         with pytest.raises(NotConnected, match="the link failed"):

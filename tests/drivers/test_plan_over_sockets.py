@@ -35,14 +35,12 @@ def plan(**changes: Any) -> Plan:
 
 
 @pytest.mark.gige
-def test_plan_over_sockets(client: str, tmp_path: Path) -> None:
+def test_plan_over_sockets(tmp_path: Path) -> None:
     """Three backgrounds with 0.5 % packet loss, a rate error and a picture that is never sent:
     every shot once and bit-exact, every injection accounted for, all devices safe."""
     with ExitStack() as stack:
         peers = stack.enter_context(PeerRig(camera=GigePeer(loss=0.005, seed=2)))
-        data = peers.rig_data()
-        data["camera"]["driver"] = client
-        rig: Rig = stack.enter_context(open_rig(data))
+        rig: Rig = stack.enter_context(open_rig(peers.rig_data()))
         seen = 0
 
         def watch(progress: Any) -> None:
