@@ -25,7 +25,6 @@ import pytest
 import yaml
 
 from cldit.acquisition import Plan, open_acquisition
-from cldit.io.exclusive import exclusive
 from tests.journals import read_journal
 from tests.patience import HANG_s, until
 
@@ -254,13 +253,5 @@ def test_full_disk(bench: Bench) -> None:
     assert code == 3 and "DiskFull" in err and "disk is full" in err and "resumes" in err, err
     assert len(bench.lines()) >= 2
     assert not list((bench.folder / "shots").glob("*.part"))
-    assert bench.run()[0] == 0
-    bench.check()
-
-
-def test_two_processes_on_one_folder(bench: Bench) -> None:
-    with exclusive(bench.folder, "acquisition"):
-        code, _, err = bench.run()
-    assert code == 3 and "another acquisition is running here" in err
     assert bench.run()[0] == 0
     bench.check()

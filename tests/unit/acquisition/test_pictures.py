@@ -40,26 +40,35 @@ def test_imagej_stacks_of_any_axes_hold_every_picture(
     np.testing.assert_array_equal(read_all(Source(path)), pictures)
 
 
-@pytest.mark.parametrize("form", ["imagej", "shaped", "plain", "pages", "bigtiff"])
-@pytest.mark.parametrize("left", [0.4, 0.7, 0.97])
+TIFFS: dict[str, dict[str, Any]] = {
+    "imagej": {"imagej": True},
+    "shaped": {"metadata": {}},
+    "plain": {"metadata": None},
+    "pages": {"contiguous": False},
+    "bigtiff": {"bigtiff": True},
+    "compressed": {"compression": "zlib", "rowsperstrip": 8},
+    "one page": {"metadata": {"truncate": True}},
+    "ome": {"ome": True, "metadata": {"axes": "TYX"}},
+}
+
+
+@pytest.mark.parametrize("form", TIFFS)
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.98])
 def test_tiffs_that_were_cut_off_are_named(
-    tmp_path: Path, form: str, left: float, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, form: str, part: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
+    """Wherever it ends: as it is opened, or at the image that is not whole."""
     path = tmp_path / "cut.tif"
-    big = np.tile(PICTURES, (1, 20, 20))
+    stack = np.tile(PICTURES, (1, 20, 20))
+    options = {"photometric": "minisblack", **TIFFS[form]}
     if form == "pages":
         with tifffile.TiffWriter(path) as file:
-            for picture in big:
-                file.write(picture, contiguous=False)
+            for picture in stack:
+                file.write(picture, **options)
     else:
-        tifffile.imwrite(
-            path,
-            big,
-            imagej=form == "imagej",
-            bigtiff=form == "bigtiff",
-            metadata=None if form == "plain" else {},
-        )
-    path.write_bytes(path.read_bytes()[: int(left * path.stat().st_size)])
+        tifffile.imwrite(path, stack, **options)
+    np.testing.assert_array_equal(read_all(Source(path)), stack)
+    path.write_bytes(path.read_bytes()[: int(part * path.stat().st_size)])
     with pytest.raises(EvaluationError, match=r"cut\.tif"):
         read_all(Source(path))
     assert "tifffile" not in capfd.readouterr().err
