@@ -50,7 +50,7 @@ class GigeSettings(Section):
 
 
 @dataclass(frozen=True)
-class Image:
+class StreamedImage:
     """An image of a stream. pixels: (h, w) uint16, None if too much is missing; block: its number
     on the stream; device_ns: time on the camera's clock."""
 
@@ -175,7 +175,7 @@ class Client:
             lambda c: c.stream(iface=settings.interface, deliver_incomplete=True, **options)
         )
 
-    def next_image(self, timeout_s: float) -> Image | None:
+    def next_image(self, timeout_s: float) -> StreamedImage | None:
         """The next image; None if none arrives in time."""
         try:
             got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
@@ -189,7 +189,7 @@ class Client:
             pixels = np.asarray(got.to_numpy()).astype(np.uint16, copy=False)
         except self._viva.GenicamError:  # incomplete: its end is missing
             pixels = None
-        return Image(
+        return StreamedImage(
             pixels,
             block=int(got.block_id),
             device_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),

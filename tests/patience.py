@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-HANG_s = 300.0  # ends a test that hangs; a machine that stalls for half a minute is no failure
+HANG_s = 600.0  # ends a test that hangs; a machine that stalls for half a minute is no failure
 
 
 def until(condition: Callable[[], object], state: Callable[[], object] = lambda: "") -> None:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.comparison.causes import Cause, causes, trials
 from cldit.comparison.chi_square import LEVEL
 from cldit.comparison.members import injections_p
@@ -26,7 +27,6 @@ from cldit.comparison.verdict import Verdict
 from cldit.run.ensemble import INJECTIONS
 from cldit.scene.keys import KeyDifference, key_differences
 
-Image = NDArray[np.float64]
 Align = Literal["metadata", "images"]
 
 
@@ -84,9 +84,9 @@ class Difference:
     keys: tuple[KeyDifference, ...]
     causes: tuple[Cause, ...]
     seen: tuple[Shown, Shown] = field(repr=False)
-    change_K: Image = field(repr=False)
-    error_K: Image = field(repr=False)
-    residuals: Image = field(repr=False)
+    change_K: Floats = field(repr=False)
+    error_K: Floats = field(repr=False)
+    residuals: Floats = field(repr=False)
 
     @property
     def t_app(self) -> MapDifference:
@@ -234,12 +234,12 @@ def difference(
         parts.one, parts.other, resample=resample, centred=not by_images
     )
     before = parts.one, parts.other
-    view, of_view, swapped = None, list[Image](), second.noisy and not first.noisy
+    view, of_view, swapped = None, list[Floats](), second.noisy and not first.noisy
     if by_images:
         first, second, view, of_view = aligned(first, second)
     traced = 1 if before[1].run is not None else 0
 
-    def onto(trace: Shown) -> Image:
+    def onto(trace: Shown) -> Floats:
         """T_app of a trace, one of both evaluated otherwise, on the common pixels."""
         pair = (before[0], trace) if traced else (trace, before[1])
         both = together(*pair, resample=resample, centred=not by_images)[:2]
