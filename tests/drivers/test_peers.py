@@ -9,6 +9,7 @@ from __future__ import annotations
 import socket
 import struct
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +31,10 @@ for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.gige_camera import GenicamCamera
     from drivers.modbus_blackbody import open_modbus_blackbody
+    from drivers.modbus_registers import RegisterMap
 else:
     from cldit.drivers.modbus_blackbody import open_modbus_blackbody
+    from cldit.drivers.modbus_registers import RegisterMap
 
 CONTEXT = RigContext(SystemClock(), None, Path(), 1)
 
@@ -39,27 +42,45 @@ CONTEXT = RigContext(SystemClock(), None, Path(), 1)
 # Black bodies
 
 
-@pytest.mark.parametrize("model", ["eurotherm-3200", "ir-2100"])
-def test_modbus_agrees_with_minimalmodbus(model: str) -> None:
+# Eurotherm's remote set point (26) in tenths, as its integer registers have it.
+REMOTE = {
+    "maker": "Eurotherm",
+    "model": "eurotherm-3216, remote set point",
+    "unit": "celsius",
+    "temperature": {"address": 1, "format": "int16", "decimals": 1},
+    "setpoint": {"address": 26, "format": "int16", "decimals": 1},
+}
+
+
+@pytest.mark.parametrize(
+    ("settings", "read"),
+    [
+        ({"model": "eurotherm-3200"}, lambda other: other.read_float(0x8000 + 2 * 24)),
+        ({"model": "ir-2100"}, lambda other: other.read_register(300, 1, signed=True)),
+        ({"registers": REMOTE}, lambda other: other.read_register(26, 1, signed=True)),
+    ],
+)
+def test_modbus_agrees_with_minimalmodbus(
+    settings: dict[str, Any], read: Callable[[Any], float]
+) -> None:
     """Another Modbus implementation reads, on the serial line, what the driver wrote."""
     minimal = pytest.importorskip("minimalmodbus", reason="minimalmodbus is missing")
     clock = SimulatedClock()
-    with ModbusPeer(model, clock=clock, serial=True) as peer:
+    registers = RegisterMap.model_validate(REMOTE) if "registers" in settings else None
+    unit = {} if registers else {"temperature_unit": "celsius"}
+    with ModbusPeer(settings.get("model"), registers=registers, clock=clock, serial=True) as peer:
         device = open_modbus_blackbody(
-            {"model": model, "serial": peer.serial, "limits_K": [253.0, 873.0],
-             "temperature_unit": "celsius"},
+            {**settings, **unit, "serial": peer.serial, "limits_K": [253.0, 873.0]},
             RigContext(clock, None, Path(), 1),
-        )  # fmt: skip
+        )
         device.connect()
+        assert device.identify().model == settings.get("model", REMOTE["model"])
         assert device.set_setpoint(440.35) == pytest.approx(440.35, abs=0.05)
         device.close()
         other = minimal.Instrument(peer.serial, 1)
-        other.serial.baudrate, other.serial.timeout = 19200, 1.0
+        other.serial.baudrate, other.serial.timeout = 19200, HANG_s
         try:
-            if model == "eurotherm-3200":
-                celsius = other.read_float(0x8000 + 2 * 24)
-            else:
-                celsius = other.read_register(300, 1, signed=True)
+            celsius = read(other)
         finally:
             other.serial.close()
     assert celsius == pytest.approx(440.35 - 273.15, abs=0.06)

@@ -9,28 +9,15 @@ from typing import Any
 
 import pytest
 
-from cldit.acquisition import Plan, acquire, dry_run
+from cldit.acquisition import acquire, dry_run
 from cldit.acquisition.plan import TriggerSection
-from cldit.errors import ClditError, DiskFull
+from cldit.errors import DiskFull
 from cldit.io.exclusive import exclusive
 from cldit.rig.errors import OutOfLimits
-from cldit.rig.load import Rig
-from tests.wrapped import Mission, pulses
+from tests.wrapped import Mission, pulses, refusals
 
 Spoil = Callable[[dict[str, Any]], Any]
 Wrap = dict[str, Callable[[Any], dict[str, Any]]]
-
-
-def refusals(rig: Rig, plan: Plan, folder: Path) -> tuple[list[str], list[str]]:
-    """Lines that the dry run and the acquisition give, each from a rig of its own."""
-    lines: list[list[str]] = []
-    for ask in (dry_run, acquire):
-        try:
-            found = ask(rig, plan, folder)
-            lines.append(list(getattr(found, "problems", ())))
-        except ClditError as error:
-            lines.append(str(error).splitlines())
-    return lines[0], lines[1]
 
 
 @pytest.mark.parametrize(
