@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Image = NDArray[np.float32]  # (rows, columns) of a map or of weights
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Reals = NDArray[np.floating]  # of the precision of a device or a file

@@ -1,20 +1,26 @@
-"""Protocol of a GigE Vision client, and its settings.
+"""A GigE Vision camera through viva-genicam, with the errors of the rig, and its settings.
 
-A client is a minimal adapter: no decisions, no read-back, errors of the library converted to those
-of the rig. `genicam.py` and `genicam_camera.py` do the rest for all clients.
+`genicam.py` and `gige_camera.py` do the rest.
 """
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol, cast
+from typing import Annotated, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from cldit.rig.checks import check_answer
+from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 from cldit.scene.checks import Section, Within
 
+T = TypeVar("T")
+
+_DISCOVERY_s = 0.3
+# viva raises one class for a feature that the camera rejects and for one without an answer.
+_FAILED, _REFUSED = "register I/O failed", "device reported status"
 TICKS = (0x93C, 0x940)  # bootstrap registers: ticks a second, high and low
 TIMESTAMP_CONTROL, TIMESTAMP = 0x944, (0x948, 0x94C)
 
@@ -44,66 +50,161 @@ class GigeSettings(Section):
 
 
 @dataclass(frozen=True)
-class Image:
+class StreamedImage:
     """An image of a stream. pixels: (h, w) uint16, None if too much is missing; block: its number
-    on the stream; device_ns: time on the camera's clock; missing_packets: None if unknown."""
+    on the stream; device_ns: time on the camera's clock."""
 
     pixels: NDArray[np.uint16] | None
     block: int
     device_ns: int
     complete: bool
-    missing_packets: int | None = None
+    missing_packets: int
 
 
-class Client(Protocol):
-    """A camera under control; all methods raise NotConnected or ConfigRejected."""
+class Client:
+    """A camera under control through viva-genicam: no decisions, no read-back. All methods raise
+    NotConnected or ConfigRejected, the errors of the rig for those of the library."""
+
+    def __init__(self, settings: GigeSettings) -> None:
+        """Takes control of the camera; raises NotConnected."""
+        import viva_genicam as viva
+
+        self._viva = viva
+        self._settings = settings
+        self._stream: Any = None
+        loopback = "127.0.0.1" if settings.address.startswith("127.") else None
+        try:
+            devices = viva.discover(
+                timeout_ms=round(1e3 * _DISCOVERY_s), iface=settings.interface or loopback
+            )
+            matching = [device for device in devices if device.ip == settings.address]
+            if not matching:
+                listed = ", ".join(f"{d.ip} ({d.model})" for d in devices) or "none"
+                raise NotConnected(f"no such camera on the network; found: {listed}")
+            self._camera = viva.connect_gige(matching[0], iface=settings.interface)
+        except viva.GenicamError as error:
+            raise NotConnected(str(error)) from error
+        try:
+            self._nodes = frozenset(self._ask(lambda c: c.nodes()))
+            try:
+                self._ns_per_tick = nanoseconds_a_tick(self) or 1.0
+            except ConfigRejected:  # no such register
+                self._ns_per_tick = 1.0
+        except RigError:
+            self.close()
+            raise
+
+    def _ask(self, action: Callable[[Any], T]) -> T:
+        """Result of `action(camera)`, with errors of the rig."""
+        try:
+            return action(self._camera)
+        except self._viva.TransportError as error:
+            raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
+        except self._viva.GenicamError as error:
+            if _FAILED in str(error) and _REFUSED not in str(error):
+                raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
+            raise ConfigRejected(f"camera: {error}") from error
 
     def has(self, name: str) -> bool:
         """True if the camera's description has the feature."""
+        return name in self._nodes
 
-    def get_integer(self, name: str) -> int: ...
+    def get_integer(self, name: str) -> int:
+        return int(self._ask(lambda c: c.get_integer(name)))
 
-    def set_integer(self, name: str, value: int) -> None: ...
+    def set_integer(self, name: str, value: int) -> None:
+        self._ask(lambda c: c.set_integer(name, value))
 
-    def get_float(self, name: str) -> float: ...
+    def get_float(self, name: str) -> float:
+        return check_answer("camera", name, self._ask(lambda c: c.get_float(name)))
 
-    def set_float(self, name: str, value: float) -> None: ...
+    def set_float(self, name: str, value: float) -> None:
+        self._ask(lambda c: c.set_float(name, value))
 
-    def float_limits(self, name: str) -> tuple[float, float]: ...
+    def float_limits(self, name: str) -> tuple[float, float]:
+        limits = self._ask(lambda c: c.feature_state(name)).range
+        return limits.min, limits.max
 
-    def get_string(self, name: str) -> str: ...
+    def get_string(self, name: str) -> str:
+        return str(self._ask(lambda c: c.get_string(name)))
 
-    def get_enum(self, name: str) -> str: ...
+    def get_enum(self, name: str) -> str:
+        return str(self._ask(lambda c: c.get_enum(name)))
 
-    def set_enum(self, name: str, entry: str) -> None: ...
+    def set_enum(self, name: str, entry: str) -> None:
+        self._ask(lambda c: c.set_enum(name, entry))
 
     def get_text(self, name: str) -> str | None:
         """Value of a feature of any type, as GenICam writes it; None while it is unavailable."""
+        try:
+            return str(self._ask(lambda c: c.get(name)))
+        except ConfigRejected:  # unavailable, or the answer was damaged
+            value = self._ask(lambda c: c.feature_state(name)).value
+            return None if value is None else str(value)
 
-    def set_text(self, name: str, value: str) -> None: ...
+    def set_text(self, name: str, value: str) -> None:
+        self._ask(lambda c: c.set(name, value))
 
     def entries(self, name: str) -> tuple[str, ...]:
         """Entries of an enumeration that are allowed at present."""
+        return tuple(self._ask(lambda c: c.available_enum_entries(name)))
 
-    def execute(self, command: str) -> None: ...
+    def execute(self, command: str) -> None:
+        self._ask(lambda c: c.execute(command))
 
     def read_register(self, address: int) -> int:
         """Value of a register of 32 bits."""
+        return int.from_bytes(self._ask(lambda c: c.read_register(address, 4)), "big")
 
-    def write_register(self, address: int, value: int) -> None: ...
+    def write_register(self, address: int, value: int) -> None:
+        self._ask(lambda c: c.write_register(address, value.to_bytes(4, "big")))
 
-    def start(self) -> None: ...
+    def start(self) -> None:
+        self._ask(lambda c: c.acquisition_start())
 
-    def stop(self) -> None: ...
+    def stop(self) -> None:
+        self._ask(lambda c: c.acquisition_stop())
 
-    def open_stream(self, frames: int) -> None:
-        """Opens a stream with room for so many unread images, and closes the previous one."""
+    def open_stream(self) -> None:
+        """Opens a stream, and closes the previous one."""
+        settings = self._settings
+        options = {} if settings.packet_size is None else {"packet_size": settings.packet_size}
+        if self._stream is not None:
+            self._stream.close()
+        self._stream = self._ask(
+            lambda c: c.stream(iface=settings.interface, deliver_incomplete=True, **options)
+        )
 
-    def next_image(self, timeout_s: float) -> Image | None:
+    def next_image(self, timeout_s: float) -> StreamedImage | None:
         """The next image; None if none arrives in time."""
+        try:
+            got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
+        except self._viva.TransportError as error:
+            if "timeout" in str(error):
+                return None
+            raise NotConnected(f"camera: the stream broke ({error})") from error
+        if got is None:
+            raise NotConnected("camera: the stream has ended; connect again")
+        try:
+            pixels = np.asarray(got.to_numpy()).astype(np.uint16, copy=False)
+        except self._viva.GenicamError:  # incomplete: its end is missing
+            pixels = None
+        return StreamedImage(
+            pixels,
+            block=int(got.block_id),
+            device_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
+            complete=bool(got.is_complete) and pixels is not None,
+            missing_packets=got.missing_packets or 0,
+        )
 
     def close(self) -> None:
         """Releases the control; never raises."""
+        for item in (self._stream, self._camera):
+            if item is not None:
+                try:
+                    item.close()
+                except Exception:  # already gone
+                    continue
 
 
 def nanoseconds_a_tick(client: Client) -> float | None:

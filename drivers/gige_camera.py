@@ -1,22 +1,41 @@
-"""GenICam cameras on GigE Vision, through viva-genicam."""
+"""GenICam cameras on GigE Vision, through viva-genicam.
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+Feature names: GenICam SFNC 2. No register contains the radiometric calibration, so the rig file
+gives it; counts per radiance are assumed proportional to the integration time.
+"""
+
+import time
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from cldit.rig.checks import check_answer
+from cldit.camera.calibration import Calibration
+from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import ConfigRejected, NotConnected, RigError
+from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
+from cldit.rig.link import Linked
+from cldit.rig.protocols import (
+    Capabilities,
+    DeviceInfo,
+    Frame,
+    Roi,
+    Settings,
+    TriggerInfo,
+    TriggerMode,
+)
 
-from .genicam_camera import GenicamCamera
-from .genicam_client import GigeSettings, Image, nanoseconds_a_tick
+from .count_features import read_features, set_features, unstated
+from .genicam import Features
+from .genicam_client import Client, GigeSettings, watched
 
-T = TypeVar("T")
+_SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
+_MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
+_EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
+_BLOCKS = 65535  # 16-bit block ids count 1..65535, then from 1
+_REACH_s = 3.0  # time for a lost camera to return, beyond its heartbeat
+_IN_FLIGHT_s = 0.5  # longest time from an exposure to its image
 
-_DISCOVERY_s = 0.3
-# viva raises one class for a feature that the camera rejects and for one without an answer.
-_FAILED, _REFUSED = "register I/O failed", "device reported status"
 
 ABOUT = DriverAbout(
     "camera",
@@ -26,144 +45,279 @@ ABOUT = DriverAbout(
 )
 
 
-class VivaClient:
-    """Implements `genicam_client.Client`."""
+class GenicamCamera(Linked):
+    """Implements `cldit.rig.protocols.Camera`."""
 
     def __init__(self, settings: GigeSettings) -> None:
-        """Takes control of the camera; raises NotConnected."""
-        import viva_genicam as viva
-
-        self._viva = viva
+        super().__init__(
+            "camera",
+            f"GigE Vision camera at {settings.address}",
+            by_hand="pull its trigger cable, or switch it off",
+            address=lambda: f"camera {settings.address}",
+            # After a lost link, the camera keeps the control until its heartbeat expires.
+            reach_s=settings.heartbeat_s + _REACH_s,
+        )
         self._settings = settings
-        self._stream: Any = None
-        loopback = "127.0.0.1" if settings.address.startswith("127.") else None
-        try:
-            devices = viva.discover(
-                timeout_ms=round(1e3 * _DISCOVERY_s), iface=settings.interface or loopback
-            )
-            matching = [device for device in devices if device.ip == settings.address]
-            if not matching:
-                listed = ", ".join(f"{d.ip} ({d.model})" for d in devices) or "none"
-                raise NotConnected(f"no such camera on the network; found: {listed}")
-            self._camera = viva.connect_gige(matching[0], iface=settings.interface)
-        except viva.GenicamError as error:
-            raise NotConnected(str(error)) from error
-        try:
-            self._nodes = frozenset(self._ask(lambda c: c.nodes()))
+        self._client: Client | None = None
+        self._features: Features | None = None
+        self._told = "not armed"
+        self._streams = False
+        self._info = DeviceInfo("camera", "?", "GigE Vision camera", tested_on_hardware=False)
+        self._trigger: TriggerInfo | None = None
+        self._armed = False
+        self._triggered = self._received = 0  # since armed
+        self._last_trigger_s = -np.inf
+        self._period_s = 0.0
+        self._base = -1  # frame id = base + 1 + blocks since the start
+        self._last_id = -1
+        self._first_block: int | None = None  # of this start
+        self._clock_offset_ns: int | None = None
+        self._counts = {"delivered": 0, "missed": 0, "flushed": 0, "incomplete": 0}
+
+    # Life
+
+    def _open(self, timeout_s: float) -> None:
+        end_s = time.monotonic() + timeout_s
+        while True:
             try:
-                self._ns_per_tick = nanoseconds_a_tick(self) or 1.0
-            except ConfigRejected:  # no such register
-                self._ns_per_tick = 1.0
-        except RigError:
-            self.close()
-            raise
+                self._begin()
+                return
+            except ConfigRejected:
+                raise
+            except RigError as error:
+                self._drop()
+                # After a crash, the camera keeps the control until the heartbeat expires.
+                if time.monotonic() + 0.2 >= end_s:
+                    raise NotConnected(
+                        f"camera: {self._settings.address} cannot be used ({error}); check its "
+                        "power and address, and that no other program uses it"
+                    ) from error
+                time.sleep(0.2)
 
-    def _ask(self, action: Callable[[Any], T]) -> T:
-        """Result of `action(camera)`, with errors of the rig."""
-        try:
-            return action(self._camera)
-        except self._viva.TransportError as error:
-            raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-        except self._viva.GenicamError as error:
-            if _FAILED in str(error) and _REFUSED not in str(error):
-                raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-            raise ConfigRejected(f"camera: {error}") from error
-
-    def has(self, name: str) -> bool:
-        return name in self._nodes
-
-    def get_integer(self, name: str) -> int:
-        return int(self._ask(lambda c: c.get_integer(name)))
-
-    def set_integer(self, name: str, value: int) -> None:
-        self._ask(lambda c: c.set_integer(name, value))
-
-    def get_float(self, name: str) -> float:
-        return check_answer("camera", name, self._ask(lambda c: c.get_float(name)))
-
-    def set_float(self, name: str, value: float) -> None:
-        self._ask(lambda c: c.set_float(name, value))
-
-    def float_limits(self, name: str) -> tuple[float, float]:
-        limits = self._ask(lambda c: c.feature_state(name)).range
-        return limits.min, limits.max
-
-    def get_string(self, name: str) -> str:
-        return str(self._ask(lambda c: c.get_string(name)))
-
-    def get_enum(self, name: str) -> str:
-        return str(self._ask(lambda c: c.get_enum(name)))
-
-    def set_enum(self, name: str, entry: str) -> None:
-        self._ask(lambda c: c.set_enum(name, entry))
-
-    def get_text(self, name: str) -> str | None:
-        try:
-            return str(self._ask(lambda c: c.get(name)))
-        except ConfigRejected:  # unavailable, or the answer was damaged
-            value = self._ask(lambda c: c.feature_state(name)).value
-            return None if value is None else str(value)
-
-    def set_text(self, name: str, value: str) -> None:
-        self._ask(lambda c: c.set(name, value))
-
-    def entries(self, name: str) -> tuple[str, ...]:
-        return tuple(self._ask(lambda c: c.available_enum_entries(name)))
-
-    def execute(self, command: str) -> None:
-        self._ask(lambda c: c.execute(command))
-
-    def read_register(self, address: int) -> int:
-        return int.from_bytes(self._ask(lambda c: c.read_register(address, 4)), "big")
-
-    def write_register(self, address: int, value: int) -> None:
-        self._ask(lambda c: c.write_register(address, value.to_bytes(4, "big")))
-
-    def start(self) -> None:
-        self._ask(lambda c: c.acquisition_start())
-
-    def stop(self) -> None:
-        self._ask(lambda c: c.acquisition_stop())
-
-    def open_stream(self, frames: int) -> None:
+    def _begin(self) -> None:
         settings = self._settings
-        options = {} if settings.packet_size is None else {"packet_size": settings.packet_size}
-        if self._stream is not None:
-            self._stream.close()
-        self._stream = self._ask(
-            lambda c: c.stream(iface=settings.interface, deliver_incomplete=True, **options)
+        self._client = Client(settings)
+        features = self._features = Features(watched(self._client, self._asking))
+        if features.has("GevHeartbeatTimeout"):
+            features.client.set_integer("GevHeartbeatTimeout", round(1e3 * settings.heartbeat_s))
+
+    def _identify(self) -> None:
+        self.disarm()  # before anything is read that could be impossible
+
+    def _prepare(self) -> None:
+        settings, features = self._settings, self._connected()
+        names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion")
+        maker, model, serial, firmware = (features.text(name) for name in names)
+        self._info = DeviceInfo("camera", maker, model, serial, firmware, tested_on_hardware=False)
+        rate_Hz = settings.maximum_rate_Hz or features.maximum_rate_Hz()
+        if not rate_Hz > 0.0:
+            raise NotConnected(f"camera: its frame rate is {rate_Hz:g} Hz, expected more than 0")
+        self._period_s = 1.0 / rate_Hz
+        self._clock_offset_ns = features.clock_offset_ns()
+        set_features(features.client, settings.features)
+        features.choose("PixelFormat", settings.pixel_format)
+        self.configure(settings.calibration.integration_time_s)
+
+    def _drop(self) -> None:
+        client, self._client, self._features = self._client, None, None
+        self._armed = self._streams = False
+        if client is not None:
+            client.close()
+
+    def _write_safe(self) -> None:
+        self.disarm()
+
+    def _check_safe(self) -> str:
+        return "disarmed"
+
+    def _last_known(self) -> str:
+        return self._told
+
+    def identify(self) -> DeviceInfo:
+        return self._info
+
+    def read_configuration(self) -> dict[str, Any]:
+        settings = self._read_settings()
+        roi = settings.roi
+        counting = read_features(self._connected().client)
+        return {
+            "address": self._settings.address,
+            "line": self._settings.line,
+            "integration_time_s": settings.integration_time_s,
+            "roi": [roi.x, roi.y, roi.width, roi.height],
+            "pixel_format": settings.pixel_format,
+            "features": counting,
+            "unstated": unstated(counting, self._settings.features),
+            "calibration": self._calibration(settings.integration_time_s).to_dict(),
+        }
+
+    def wait_ready(self, timeout_s: float) -> None:
+        """Checks the connection only: the SFNC has no feature for a cooler that is ready."""
+        self._connected()
+
+    # Settings
+
+    @property
+    def capabilities(self) -> Capabilities:
+        low, high = self._connected().exposure_limits_s()
+        return Capabilities(
+            trigger_modes=_MODES,
+            integration_time_limits_s=(low, high),
+            minimum_period_s=self._period_s,
+            saturation_counts=self._settings.calibration.saturation_counts,
+            sensor_pixels=self._connected().sensor_pixels(),
+            pixel_formats=self._connected().entries("PixelFormat"),
         )
 
-    def next_image(self, timeout_s: float) -> Image | None:
-        try:
-            got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
-        except self._viva.TransportError as error:
-            if "timeout" in str(error):
-                return None
-            raise NotConnected(f"camera: the stream broke ({error})") from error
+    def configure(
+        self, integration_time_s: float, roi: Roi | None = None, pixel_format: str | None = None
+    ) -> Settings:
+        self._connected()
+        if self._armed:
+            raise ConfigRejected("camera: is armed; disarm() before configure()")
+        can = self.capabilities
+        check_exposure(can, integration_time_s)
+        check_format(can, pixel_format)
+        part = check_roi(can, roi)
+        if pixel_format is not None:
+            self._connected().choose("PixelFormat", pixel_format)
+        self._connected().expose(integration_time_s)
+        for name, value in (
+            ("OffsetX", 0),
+            ("OffsetY", 0),
+            ("Width", part.width),
+            ("Height", part.height),
+            ("OffsetX", part.x),
+            ("OffsetY", part.y),
+        ):
+            self._connected().set_integer(name, value)
+        return self._read_settings()
+
+    def prepare(self, trigger: TriggerInfo) -> None:
+        features = self._connected()
+        check_trigger(_MODES, trigger)
+        if self._armed:
+            raise ConfigRejected("camera: is armed; disarm() before prepare()")
+        features.stop_after(trigger.n_frames)
+        source = None
+        if trigger.mode is not TriggerMode.INTERNAL:
+            source = _SOURCES[trigger.mode] or self._settings.line
+        features.trigger(source, _EDGES[trigger.activation], trigger.frames_per_trigger)
+        self._trigger = trigger
+
+    # Images
+
+    def arm(self) -> None:
+        client = self._connected().client
+        if self._trigger is None:
+            raise ConfigRejected("camera: prepare() before arm()")
+        # A new stream for each start, because block ids then count from 1, which a client would
+        # take for late packets of the last image on the old stream.
+        client.open_stream()
+        self._streams = True
+        self._base, self._first_block = self._last_id, None
+        self._told = f"armed for {self._trigger.n_frames} frames, trigger {self._trigger.mode}"
+        client.start()
+        self._armed, self._triggered, self._received = True, 0, 0
+
+    def flush(self) -> int:
+        self._connected()
+        if not self._streams:
+            return 0
+        software = self._trigger is not None and self._trigger.mode is TriggerMode.SOFTWARE
+        thrown = 0
+        while True:
+            coming = software and self._received < self._triggered
+            if self._next(_IN_FLIGHT_s if coming else 1e-3) is None:
+                break
+            thrown += 1
+        self._triggered = self._received
+        self._counts["flushed"] += thrown
+        return thrown
+
+    def software_trigger(self) -> None:
+        self._connected()
+        trigger = self._trigger
+        if not self._armed or trigger is None or trigger.mode is not TriggerMode.SOFTWARE:
+            raise ConfigRejected("camera: prepare(SOFTWARE) and arm() before software_trigger()")
+        if self._triggered >= trigger.n_frames:
+            self._counts["missed"] += 1
+            return
+        time.sleep(max(self._last_trigger_s + 1.05 * self._period_s - time.monotonic(), 0.0))
+        self._connected().client.execute("TriggerSoftware")
+        self._last_trigger_s = time.monotonic()  # the exposure was before this
+        self._triggered += 1
+
+    def read_frames(self, n: int, timeout_s: float) -> Iterator[Frame]:
+        self._connected()
+        incomplete = 0
+        for received in range(n):
+            frame = self._next(timeout_s)
+            if frame is None:
+                raise MissingFrames(n, received - incomplete, incomplete)
+            incomplete += not frame.complete
+            self._counts["delivered" if frame.complete else "incomplete"] += 1
+            yield frame
+
+    def disarm(self) -> None:
+        self._connected().client.stop()
+        self._armed, self._told = False, "disarmed"
+
+    def statistics(self) -> dict[str, int]:
+        return dict(self._counts)
+
+    def _next(self, timeout_s: float) -> Frame | None:
+        """The next frame; None if none arrives in time."""
+        client = self._connected().client
+        if not self._streams:
+            time.sleep(timeout_s)
+            return None
+        got = client.next_image(timeout_s)
         if got is None:
-            raise NotConnected("camera: the stream has ended; connect again")
-        try:
-            pixels = np.asarray(got.to_numpy()).astype(np.uint16, copy=False)
-        except self._viva.GenicamError:  # incomplete: its end is missing
-            pixels = None
-        return Image(
-            pixels,
-            block=int(got.block_id),
-            device_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
-            complete=bool(got.is_complete) and pixels is not None,
-            missing_packets=got.missing_packets or 0,
+            return None
+        now_ns = time.time_ns()
+        self._received += 1
+        self._last_id = self._frame_id(got.block)
+        return Frame(
+            data=np.zeros((0, 0), np.uint16) if got.pixels is None else got.pixels,
+            frame_id=self._last_id,
+            device_timestamp_ns=got.device_ns,
+            host_timestamp_ns=(
+                now_ns if self._clock_offset_ns is None else got.device_ns + self._clock_offset_ns
+            ),
+            complete=got.complete,
+            meta={"missing_packets": got.missing_packets},
         )
 
-    def close(self) -> None:
-        for item in (self._stream, self._camera):
-            if item is not None:
-                try:
-                    item.close()
-                except Exception:  # already gone
-                    continue
+    def _frame_id(self, block: int) -> int:
+        """Id of a frame, continuous over starts, as block ids are on some cameras only. An image
+        that is lost right after a start is detected by its absence."""
+        if self._first_block is None:
+            self._first_block = block
+        since = block - self._first_block
+        return self._base + 1 + (since % _BLOCKS if block <= _BLOCKS else since)
+
+    # The camera's features
+
+    def _read_settings(self) -> Settings:
+        roi = Roi(
+            *(self._connected().integer(name) for name in ("OffsetX", "OffsetY", "Width", "Height"))
+        )
+        pixel_format = self._connected().client.get_enum("PixelFormat")
+        return Settings(self._connected().exposure_s(), roi, pixel_format)
+
+    def _calibration(self, integration_time_s: float) -> Calibration:
+        stated = self._settings.calibration
+        values = stated.model_dump(exclude={"integration_time_s"})
+        values["counts_per_radiance"] *= integration_time_s / stated.integration_time_s
+        return Calibration(**values)
+
+    def _connected(self) -> Features:
+        with self._asking():  # raises if it is not connected
+            assert self._features is not None
+            return self._features
 
 
 def open_gige_camera(settings: dict[str, Any], context: RigContext) -> GenicamCamera:
     """The driver `gige_camera`."""
-    return GenicamCamera(VivaClient, check_settings(GigeSettings, settings))
+    return GenicamCamera(check_settings(GigeSettings, settings))

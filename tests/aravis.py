@@ -1,4 +1,4 @@
-"""Aravis for the tests: its client (gir1.2-aravis-0.8) and its simulated camera (aravis-tools)."""
+"""Aravis' simulated camera (Debian: aravis-tools)."""
 
 from __future__ import annotations
 
@@ -10,16 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from cldit.rig.drivers import describe_drivers
-
 _PROGRAM = "arv-fake-gv-camera-0.8"
-
-
-def needs_aravis() -> None:
-    """Skips the test where the client is not installed."""
-    about = describe_drivers()["aravis_camera"]
-    if missing := about.missing():
-        pytest.skip(f"{', '.join(missing)} is missing; {about.install}")
 
 
 @contextmanager

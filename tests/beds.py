@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
 else:
     from cldit.drivers.simulated_scene import Pulse
 
-CAMERAS = ("gige_camera", "aravis_camera")  # a session takes a second, and has many replies
+CAMERAS = ("gige_camera",)  # a session takes a second, and has many replies
 MANY = (*CAMERAS, "pulse_generator")  # replies: all of them are for the slow tests
 FIRST = {
     "modbus_blackbody-eurotherm-tcp",

@@ -1,4 +1,4 @@
-"""Rigs for the contract tests: simulated, over sockets to the peers, before Aravis' camera."""
+"""Rigs for the contract tests: simulated, and over sockets to the peers."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Any
 
 import pytest
 
-from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.clock import SimulatedClock
 from cldit.rig.load import Rig, open_rig
-from tests.aravis import aravis_peer, needs_aravis
 from tests.emulators.blackbody import FlukePeer, ModbusPeer
 from tests.emulators.gige_camera import GigePeer
-from tests.emulators.rig import CALIBRATION, PeerRig
+from tests.emulators.rig import PeerRig
 
 Make = Callable[[dict[str, Any], ExitStack], Rig]
 
@@ -22,43 +21,13 @@ def simulated(data: dict[str, Any], stack: ExitStack) -> Rig:
     return open_rig(data)
 
 
-def needs(driver: str) -> None:
-    """Skips the test where what the camera's driver imports is not installed."""
-    if driver == "aravis_camera":
-        needs_aravis()
-    else:
-        pytest.importorskip("viva_genicam", reason="viva_genicam is missing; install cldit[rig]")
-
-
-def sockets(driver: str, loss: float, legacy: bool = False) -> Make:
+def sockets(loss: float, legacy: bool = False) -> Make:
     def make(data: dict[str, Any], stack: ExitStack) -> Rig:
-        needs(driver)
-        for module in ("pyvisa_py", "pymodbus"):
+        for module in ("viva_genicam", "pyvisa_py", "pymodbus"):
             pytest.importorskip(module, reason=f"{module} is missing; install cldit[rig]")
         peers = stack.enter_context(PeerRig(camera=GigePeer(loss=loss, seed=11, legacy=legacy)))
         file = {**peers.rig_data(), "setup": data["setup"]}
-        file["camera"]["driver"] = driver
         return open_rig(file)
-
-    return make
-
-
-def aravis_camera(driver: str) -> Make:
-    """Aravis' camera, which has 16 bits and no line that anybody could pulse."""
-
-    def make(data: dict[str, Any], stack: ExitStack) -> Rig:
-        needs(driver)
-        data["camera"] = {
-            "driver": driver,
-            "settings": {
-                "address": stack.enter_context(aravis_peer()),
-                "interface": "127.0.0.1",
-                "line": "Line0",
-                "maximum_rate_Hz": 4.0,  # faster software triggers run into one another
-                "calibration": {**CALIBRATION, "saturation_counts": 65535},
-            },
-        }
-        return open_rig(data, clock=SystemClock())
 
     return make
 
@@ -96,16 +65,12 @@ def fluke(serial: bool) -> Make:
 # Packets that are lost are sent again: the contract is the same with 0.5 % loss.
 RIGS: dict[str, Make] = {
     "simulated": simulated,
-    "sockets": sockets("gige_camera", 0.0),
-    "sockets-lossy": sockets("gige_camera", 0.005),
-    "sockets-aravis-lossy": sockets("aravis_camera", 0.005),
+    "sockets": sockets(0.0),
+    "sockets-lossy": sockets(0.005),
 }
 CAMERAS: dict[str, Make] = {
     **RIGS,
-    "sockets-genicam-1.0": sockets("gige_camera", 0.0, legacy=True),
-    "sockets-aravis-genicam-1.0": sockets("aravis_camera", 0.0, legacy=True),
-    "aravis-camera": aravis_camera("gige_camera"),
-    "aravis-camera-aravis": aravis_camera("aravis_camera"),
+    "sockets-genicam-1.0": sockets(0.0, legacy=True),
 }
 BACKGROUNDS: dict[str, Make] = {
     "simulated": simulated,

@@ -8,32 +8,35 @@ from cldit.rig.errors import DeviceTimeout, MissingFrames
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Burst, TriggerInfo, TriggerMode
 from cldit.testing.expect import Allowed, Check, expect, near, refuses
+from tests.patience import HANG_s
 
 
 def trigger_reaches_the_camera(rig: Rig, allowed: Allowed) -> None:
     """Checks that a burst of three gives three frames, a period apart."""
-    burst = rig.trigger.configure(Burst(n=3, period_s=0.05, camera_delay_s=1e-3))
+    burst = rig.trigger.configure(Burst(n=3, period_s=0.5, camera_delay_s=1e-3))
     rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=3))
     rig.camera.arm()
     rig.trigger.fire()
     refuses(lambda: rig.trigger.wait_done(0.01), DeviceTimeout, "wait_done() within the burst")
-    rig.trigger.wait_done(5.0)
-    frames = list(rig.camera.read_frames(3, 1.0))
+    rig.trigger.wait_done(HANG_s)
+    frames = list(rig.camera.read_frames(3, HANG_s))
     for gap_ns in np.diff([frame.device_timestamp_ns for frame in frames]):
         near(1e-9 * gap_ns, burst.period_s, 1e-4, "from frame to frame [s]")
 
 
 def abort_stops_a_burst(rig: Rig, allowed: Allowed) -> None:
     """Checks that abort() prevents the rest of the pulses."""
-    rig.trigger.configure(Burst(n=10, period_s=0.1))
-    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=10))
+    many = 500  # a burst of 50 s, which a busy machine aborts in time too
+    rig.trigger.configure(Burst(n=many, period_s=0.1))
+    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=many))
     rig.camera.arm()
     rig.trigger.fire()
     rig.clock.sleep(0.25)
     rig.trigger.abort()
-    rig.clock.sleep(1.2)
-    taken = rig.camera.flush()
-    expect(taken == 3, f"{taken} frames, expected those at 0, 0.1 and 0.2 s")
+    taken = len(list(rig.camera.read_frames(1, HANG_s))) + rig.camera.flush()
+    rig.clock.sleep(0.5)
+    late = rig.camera.flush()
+    expect(taken < many and late <= 1, f"{taken} frames before abort(), {late} after it")
     rig.trigger.wait_done(0.01)
 
 
@@ -44,8 +47,8 @@ def one_trigger_starts_several_frames(rig: Rig, allowed: Allowed) -> None:
     rig.camera.prepare(trigger)
     rig.camera.arm()
     rig.trigger.fire()
-    frames = list(rig.camera.read_frames(5, 1.0))
-    rig.trigger.wait_done(1.0)
+    frames = list(rig.camera.read_frames(5, HANG_s))
+    rig.trigger.wait_done(HANG_s)
     ids = [frame.frame_id for frame in frames]
     expect(np.all(np.diff(ids) == 1), f"ids {ids} are not continuous")
     period_s = rig.camera.capabilities.minimum_period_s
@@ -57,7 +60,7 @@ def one_trigger_starts_several_frames(rig: Rig, allowed: Allowed) -> None:
     rig.camera.arm()
     rig.clock.sleep(0.1)
     rig.trigger.fire()
-    expect(len(list(rig.camera.read_frames(1, 1.0))) == 1, "one frame was requested")
+    expect(len(list(rig.camera.read_frames(1, HANG_s))) == 1, "one frame was requested")
 
 
 TOGETHER = [

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cldit.acquisition import Plan, Progress, Record, acquire
+from cldit.acquisition import Plan, Progress, Record, acquire, dry_run
+from cldit.errors import ClditError
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.protocols import Safety
 from tests.journals import read_journal
@@ -71,6 +72,18 @@ class Mission:
         if stop_after is not None:
             options |= {"progress": count, "should_stop": lambda: done >= stop_after}
         return acquire(rig or open_rig(self.data), plan or self.plan, self.folder, **options)
+
+
+def refusals(rig: Rig, plan: Plan, folder: Path) -> tuple[list[str], list[str]]:
+    """Lines that the dry run and the acquisition give, each from a rig of its own."""
+    lines: list[list[str]] = []
+    for ask in (dry_run, acquire):
+        try:
+            found = ask(rig, plan, folder)
+            lines.append(list(getattr(found, "problems", ())))
+        except ClditError as error:
+            lines.append(str(error).splitlines())
+    return lines[0], lines[1]
 
 
 def pulses(data: dict[str, Any]) -> list[dict[str, Any]]:

@@ -16,9 +16,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Image, Ints, Mask
 from cldit.optics.visible import VISIBLE_EMISSIVITY
-from cldit.radiance.weights import Image
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
 _WHOLE = 90_000  # pixels of an image, up to which all of them are traced

@@ -12,11 +12,9 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Mask
+from cldit.arrays import Floats, Image, Mask
 
-Image = NDArray[np.float32]
 TOTAL = "total"
 _NEARBY = 0.03  # of the image's edge: of each square whose means make the local RMS
 

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from cldit.accuracy.drawn_pixels import DrawnPixels
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Image, Ints, Mask
 from cldit.radiance.apparent_temperature import NodeTemperature
-from cldit.radiance.weights import Image, Weights
+from cldit.radiance.weights import Weights
 from cldit.transport.result import Subpixels, Trace
 
 _NEARBY = 0.05  # of the image's edge: size of a block whose pixels may have a common error

@@ -271,7 +271,11 @@ def is_measured(path: str | Path) -> bool:
 
 def open_recorded(path: str | Path, *, frame: int = 0) -> Acquisition | Measured:
     """Opens measured data or an acquisition, of which `frame` selects the image of each shot."""
-    return open_measured(path) if is_measured(path) else open_acquisition(path, frame=frame)
+    if not is_measured(path):
+        return open_acquisition(path, frame=frame)
+    if frame:
+        raise EvaluationError(f"{path}: frame {frame}: measured shots have one image, 0")
+    return open_measured(path)
 
 
 def open_measured(path: str | Path) -> Measured:

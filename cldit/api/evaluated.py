@@ -9,7 +9,7 @@ import numpy as np
 
 from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.record import acquisition_in
-from cldit.api.folder_evaluation import evaluate_folder, evaluate_scattering
+from cldit.api.folder_evaluation import evaluate_recorded, evaluate_scattering
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.io.images import words
 from cldit.io.presented import xarray_module
@@ -52,31 +52,26 @@ def evaluate(
     """
     xarray_module()
     place = acquisition_in(folder)
-    evaluation = evaluate_folder(
-        place,
-        curve=calibration,
-        frame=frame,
-        accept=accept,
-        progress=progress,
-        say=say,
+    recorded = open_recorded(place, frame=frame)
+    evaluation = evaluate_recorded(
+        recorded, curve=calibration, accept=accept, progress=progress, say=say
     )
     extra_variables: dict[str, tuple[Any, str, str]] = {}
     if evaluation.budget is not None:
         for name, (image, unit) in evaluation.budget.images.items():
             extra_variables[name] = (image.astype(np.float32), unit, words(name))
     if model is not None:
-        medium = evaluate_scattering(place, model, evaluation)
+        medium = evaluate_scattering(recorded, model, evaluation, recorded.folder / "maps")
         extra_variables |= {
             "medium_temperature_K": (medium.temperature_K, "K", "temperature of the medium"),
             "medium_temperature_standard_error_K": (medium.standard_error_K, "K", "its error"),
             "scattered_share": (medium.share, "1", "scattered share of the radiance"),
         }
-    opened = open_recorded(place, frame=frame)
     return labelled_maps(
         evaluation.maps,
-        title=opened.name if isinstance(opened, Measured) else place.resolve().name,
-        pixel_m=opened.pixel_m,
-        centre_m=opened.centre_m,
+        title=recorded.name if isinstance(recorded, Measured) else place.resolve().name,
+        pixel_m=recorded.pixel_m,
+        centre_m=recorded.centre_m,
         extra_variables=extra_variables,
         attrs={
             "evaluation": _without_inputs(evaluation).to_json(),

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from cldit.acquisition.plan import plan_from_scene
 from cldit.acquisition.progress import Progress
+from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import acquire
 from cldit.acquisition.sequence import Record
-from cldit.api.folder_evaluation import DelayEvaluation, delay_problems, evaluate_delays
+from cldit.api.folder_evaluation import GroupEvaluation, evaluate_groups, group_problems
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, SprayError, Stopped
 from cldit.gpu.device import Device
@@ -119,9 +120,9 @@ def _run(
     _complete(record)
     acquired = time.perf_counter()
     say(StageLine("evaluation of the shots"))
-    evaluations = evaluate_delays(folder / "acquisition")
-    if delay_problems(evaluations):
-        raise EvaluationError(delay_problems(evaluations))
+    evaluations = evaluate_groups(open_acquisition(folder / "acquisition"))
+    if problems := group_problems(evaluations):
+        raise EvaluationError(problems)
     measured = _of_run(evaluations, shown_s)
     evaluated = time.perf_counter()
     stages = [
@@ -150,11 +151,11 @@ def _refuse_missing(scene: Scene) -> None:
             raise SprayError(f"plan.delays_s: {delay_text(delay_s)}: {error}") from error
 
 
-def _of_run(evaluations: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
+def _of_run(evaluations: tuple[GroupEvaluation, ...], shown_s: float | None) -> Maps | None:
     """Maps of the time that the run itself shows, if it was recorded."""
-    for delay in evaluations:
-        if len(evaluations) == 1 or same_time(shown_s, delay.delay_s):
-            return None if delay.evaluation is None else delay.evaluation.maps
+    for group in evaluations:
+        if len(evaluations) == 1 or same_time(shown_s, group.delay_s):
+            return None if group.evaluation is None else group.evaluation.maps
     return None
 
 

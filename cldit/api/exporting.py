@@ -33,7 +33,7 @@ def export(
         node: octree: number of a wavelength; None: the brightest.
         own_frame: octree: cldit's coordinates instead of the CFD case's.
         device: octree: OpenCL device; None chooses.
-        progress: octree: called with lines of text.
+        progress: called with lines of text.
 
     Returns:
         The files; an octree may have one more for parcels.
@@ -43,6 +43,7 @@ def export(
         ClditError: the folder holds no acquisition, or no run; or a file cannot be written.
     """
     target = None if out is None else Path(out)
+    say = progress or (lambda line: None)
     if to == OCTREE:
         # load OpenCL, which is not needed to export images
         from cldit.io.caches import default_cache
@@ -58,11 +59,16 @@ def export(
                 cache=default_cache(),
                 node=node,
                 own_frame=own_frame,
-                say=progress or (lambda line: None),
+                say=say,
             )
         )
     if to not in FORMATS:
         raise ExportError(f"to: {to!r}; allowed: {', '.join([*FORMATS, OCTREE])}")
     if node is not None or own_frame or device is not None:
         raise ExportError(f"node, own_frame and device are for {OCTREE}")
-    return (export_images(open_acquisition(acquisition_in(Path(folder))), to, target),)
+    acquisition = open_acquisition(acquisition_in(folder))
+    path = export_images(acquisition, to, target)
+    say(f"{len(acquisition.shots)} shots")
+    if acquisition.missing:
+        say(f"{len(acquisition.missing)} shots are still missing")
+    return (path,)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.acquisition.measured import Measured, is_measured, open_measured, open_recorded
+from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.plan import Group
-from cldit.acquisition.record import Acquisition, maps_of_group, open_acquisition
+from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow, table_csv
@@ -25,8 +25,8 @@ from cldit.run import Run, Say
 
 
 @dataclass(frozen=True)
-class DelayEvaluation:
-    """Evaluation of one delay, with the folder of its maps.
+class GroupEvaluation:
+    """Evaluation of one filter and delay, with the folder of its maps.
 
     delay_s: None for measured data, where it is unknown. filter_name: of the filter wheel; None
     without one. label: filter and delay, as far as there are several. evaluation: None if there is
@@ -41,79 +41,67 @@ class DelayEvaluation:
     label: str = ""
 
 
-def evaluate_delays(
-    folder: str | Path,
+def evaluate_groups(
+    recorded: Acquisition | Measured,
     *,
     curve: CurveSource = "planck",
-    frame: int = 0,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
     say: Say | None = None,
-) -> tuple[DelayEvaluation, ...]:
-    """Evaluates every filter and every delay of a folder as `evaluate_folder`, in the plan's order.
+) -> tuple[GroupEvaluation, ...]:
+    """Evaluates every filter and every delay, in the plan's order, as `evaluate_recorded`.
 
     One delay has its maps in `maps`, several in `maps/delay_0.95ms` and so on, with the table
-    `maps/delays.csv`. Several filters have all that in a folder each, `maps/FILTER`. A delay that
+    `maps/delays.csv`. Several filters have all that in a folder each, `maps/FILTER`. A group that
     cannot be evaluated does not stop the others; EvaluationError if all fail.
     """
-    plan = None if is_measured(folder) else open_acquisition(folder, frame=frame).plan
     evaluate = partial(
-        evaluate_folder,
-        curve=curve,
-        frame=frame,
-        accept=accept,
-        progress=progress,
-        say=say,
+        evaluate_recorded, recorded, curve=curve, accept=accept, progress=progress, say=say
     )
-    if plan is None:
-        path = Path(folder)
-        place = (path.parent if path.is_file() else path) / "maps"
-        return (DelayEvaluation(None, place, evaluate(folder)),)
-    done: list[DelayEvaluation] = []
+    if isinstance(recorded, Measured):
+        return (GroupEvaluation(None, recorded.folder / "maps", evaluate()),)
+    plan = recorded.plan
+    evaluations: list[GroupEvaluation] = []
     for group in plan.groups:
-        name, problem, evaluation = plan.filter_name(group), "", None
+        problem, evaluation = "", None
         try:
-            evaluation = evaluate(folder, delay=group.delay, filter_name=name)
+            evaluation = evaluate(group=group)
         except EvaluationError as error:
             if len(plan.groups) == 1:
                 raise
             problem = str(error)
-        done.append(
-            DelayEvaluation(
+        evaluations.append(
+            GroupEvaluation(
                 delay_s=plan.delays[group.delay],
-                folder=maps_of_group(Path(folder), plan, group),
+                folder=maps_of_group(recorded.folder, plan, group),
                 evaluation=evaluation,
                 problem=problem,
-                filter_name=name,
+                filter_name=plan.filter_name(group),
                 label=", ".join(plan.words(group)),
             )
         )
-    if not delay_rows(done):
-        raise EvaluationError(delay_problems(done))
+    if not delay_rows(evaluations):
+        raise EvaluationError(group_problems(evaluations))
     if len(plan.delays) > 1:
         for name in plan.filters or (None,):
-            of_filter = [item for item in done if item.filter_name == name]
+            of_filter = [item for item in evaluations if item.filter_name == name]
             table = of_filter[0].folder.parent / "delays.csv"
             write_text(table, table_csv(delay_rows(of_filter)))
-    return tuple(done)
+    return tuple(evaluations)
 
 
-def delay_rows(evaluations: Collection[DelayEvaluation]) -> list[DelayRow]:
+def delay_rows(evaluations: Collection[GroupEvaluation]) -> list[DelayRow]:
     """Rows of the table of the delays that could be evaluated."""
     return [
-        DelayRow.of(delay.delay_s, delay.evaluation.maps)
-        for delay in evaluations
-        if delay.evaluation is not None and delay.delay_s is not None
+        DelayRow.of(group.delay_s, group.evaluation.maps)
+        for group in evaluations
+        if group.evaluation is not None and group.delay_s is not None
     ]
 
 
-def delay_problems(evaluations: Collection[DelayEvaluation]) -> str:
-    """Reasons why delays could not be evaluated; empty if all were."""
-    return "\n".join(
-        f"at {group.label}: {group.problem}"
-        for group in evaluations
-        if group.problem and group.delay_s is not None
-    )
+def group_problems(evaluations: Collection[GroupEvaluation]) -> str:
+    """Reasons why groups could not be evaluated; empty if all were."""
+    return "\n".join(f"at {group.label}: {group.problem}" for group in evaluations if group.problem)
 
 
 def evaluate_folder(
@@ -121,8 +109,7 @@ def evaluate_folder(
     *,
     curve: CurveSource = "planck",
     frame: int = 0,
-    delay: int | None = None,
-    filter_name: str | None = None,
+    group: Group | None = None,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
     say: Say | None = None,
@@ -137,8 +124,8 @@ def evaluate_folder(
         curve, accept, progress: as `cldit.dit.recorded.evaluate_shots`; findings that
             measured.yaml accepts are accepted too.
         frame: which image of each shot, if the plan has several.
-        delay: which of the plan's delays, from 0; required if it has several.
-        filter_name: which of the plan's filters; required if it has several.
+        group: which of the plan's filters and delays, by their numbers from 0; required if it has
+            several.
         say: called with lines about measured files, before the fit.
 
     Returns:
@@ -149,42 +136,51 @@ def evaluate_folder(
             the journal are omitted and named by the remarks.
         EvaluationError: the shots cannot be evaluated.
     """
-    acquisition: Acquisition | Measured
+    recorded = open_recorded(folder, frame=frame)
+    return evaluate_recorded(
+        recorded, curve=curve, group=group, accept=accept, progress=progress, say=say
+    )
+
+
+def evaluate_recorded(
+    recorded: Acquisition | Measured,
+    *,
+    curve: CurveSource = "planck",
+    group: Group | None = None,
+    accept: Collection[str] = (),
+    progress: Callable[[int, int], None] | None = None,
+    say: Say | None = None,
+) -> Evaluation:
+    """Evaluates opened data and stores the maps, as `evaluate_folder`."""
     missing: tuple[str, ...] = ()
-    if is_measured(folder):
-        if frame:
-            raise EvaluationError(f"{folder}: frame {frame}: measured shots have one image, 0")
-        if delay:
-            raise EvaluationError(f"{folder}: delay {delay}: measured data have one delay, 0")
-        if filter_name is not None:
-            raise EvaluationError(f"{folder}: filter {filter_name}: measured data have no wheel")
-        acquisition = open_measured(folder)
-        place = acquisition.folder / "maps"
+    if isinstance(recorded, Measured):
+        if group is not None:
+            raise EvaluationError(f"{recorded.folder}: {group}: measured data have no groups")
+        place = recorded.folder / "maps"
         if say is not None:
-            for finding in acquisition.found():
+            for finding in recorded.found():
                 say(finding)
-        accept = (*acquisition.accept, *accept)
+        accept = (*recorded.accept, *accept)
     else:
-        acquisition = open_acquisition(folder, frame=frame)
-        group = _group(acquisition, delay, filter_name)
-        place = maps_of_group(acquisition.folder, acquisition.plan, group)
-        acquisition = acquisition.of_group(group)
-        missing = acquisition.missing
+        group = _group(recorded, group)
+        place = maps_of_group(recorded.folder, recorded.plan, group)
+        recorded = recorded.of_group(group)
+        missing = recorded.missing
     evaluate = partial(evaluate_shots, curve=curve, accept=accept, progress=progress)
     try:
-        evaluation = evaluate(acquisition)
+        evaluation = evaluate(recorded)
     except RunFolderError:
-        if isinstance(acquisition, Measured):
+        if isinstance(recorded, Measured):
             raise
-        acquisition = acquisition.whole()  # reads every image, so only after damage
+        recorded = recorded.whole()  # reads every image, so only after damage
         try:
-            evaluation = evaluate(acquisition)
+            evaluation = evaluate(recorded)
         except EvaluationError as error:  # too few remain
-            raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
+            raise EvaluationError("\n".join([*recorded.damage, str(error)])) from error
     finally:
-        if isinstance(acquisition, Measured):
-            acquisition.close()
-    remarks = list(acquisition.damage) if isinstance(acquisition, Acquisition) else []
+        if isinstance(recorded, Measured):
+            recorded.close()
+    remarks = list(recorded.damage) if isinstance(recorded, Acquisition) else []
     if missing:
         ellipsis = ", .." if len(missing) > 5 else ""
         remarks.insert(
@@ -193,47 +189,38 @@ def evaluate_folder(
     evaluation = replace(
         evaluation,
         remarks=(*remarks, *evaluation.remarks),
-        origin=Origin.now(inputs=files_read(acquisition.inputs)),
+        origin=Origin.now(inputs=files_read(recorded.inputs)),
     )
-    evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
+    evaluation.maps.save(place, pixel_m=recorded.pixel_m)
     if evaluation.budget is not None:
-        evaluation.budget.save(place, pixel_m=acquisition.pixel_m)
+        evaluation.budget.save(place, pixel_m=recorded.pixel_m)
     files = [place / f"{item.name}.tif" for item in fields(Maps)]
     write_sealed(place / EVALUATION, evaluation.to_dict(), files)
     return evaluation
 
 
-def _group(acquisition: Acquisition, delay: int | None, filter_name: str | None) -> Group:
-    delays, filters = acquisition.plan.delays, acquisition.plan.filters
-    if filter_name is None and len(filters) > 1:
-        raise EvaluationError(
-            f"{acquisition.folder}: contains {len(filters)} filters ({', '.join(filters)}); give "
-            "`filter_name`, or evaluate all with evaluate_delays"
-        )
-    if filter_name not in (None, *filters):
-        allowed = f"allowed: {', '.join(filters) or 'none'}"
-        raise EvaluationError(f"{acquisition.folder}: filter_name {filter_name}; {allowed}")
-    if delay is None and len(delays) > 1:
-        raise EvaluationError(
-            f"{acquisition.folder}: contains {len(delays)} delays; give `delay`, or evaluate all "
-            "with evaluate_delays"
-        )
-    if not 0 <= (delay or 0) < len(delays):
-        allowed = f"0..{len(delays) - 1}"
-        raise EvaluationError(f"{acquisition.folder}: delay {delay}; allowed: {allowed}")
-    return Group(filters.index(filter_name) if filter_name else 0, delay or 0)
+def _group(acquisition: Acquisition, group: Group | None) -> Group:
+    """The group to evaluate, which may be omitted if the plan has one."""
+    plan = acquisition.plan
+    if group is None and len(plan.groups) == 1:
+        return plan.groups[0]
+    if group is not None and group in plan.groups:
+        return group
+    names = "; ".join(f"{item}: {', '.join(plan.words(item))}" for item in plan.groups)
+    raise EvaluationError(
+        f"{acquisition.folder}: group {group}; allowed: one of {names}; evaluate_groups and "
+        "`cldit evaluate` evaluate them all"
+    )
 
 
 def evaluate_scattering(
-    folder: str | Path, model: Run, evaluation: Evaluation, *, maps: Path | None = None
+    recorded: Acquisition | Measured, model: Run, evaluation: Evaluation, maps: Path
 ) -> Medium:
     """Temperature of the emitting medium, with the scattered share of a model; stored as maps.
 
     model: run whose spray and camera represent those of the measurement, and whose patches are
-    those of its enclosure, temperatures included. maps: folder of its maps; None: `maps` beside the
-    images.
+    those of its enclosure, temperatures included. maps: folder of its maps.
     """
-    opened = open_recorded(folder)
     view = SensorView.from_scene(model.scene)
     spray, reference = (
         weights.map(lambda image: view.image(image).astype(np.float32))
@@ -242,7 +229,7 @@ def evaluate_scattering(
     curve = Curve(filter_um=evaluation.calibration.filter_um)
     if evaluation.fitted is not None:
         curve = evaluation.fitted.curve
-    surroundings = opened.surroundings
+    surroundings = recorded.surroundings
     if not surroundings.patches:  # neither a rig nor measured data describe them
         surroundings = replace(surroundings, patches=model.scene.patches)
     scattered = scattered_by(spray, reference, enclosure(surroundings, curve))
@@ -252,5 +239,5 @@ def evaluate_scattering(
         "medium_temperature_standard_error_K": (medium.standard_error_K, "K"),
         "scattered_share": (medium.share, "1"),
     }
-    write_maps(maps or opened.folder / "maps", images, pixel_m=opened.pixel_m)
+    write_maps(maps, images, pixel_m=recorded.pixel_m)
     return medium

@@ -7,15 +7,16 @@ import click
 import numpy as np
 
 from cldit.acquisition import measured_draft
+from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.progress import Progress
-from cldit.acquisition.record import acquisition_in
+from cldit.acquisition.record import Acquisition, acquisition_in
 from cldit.acquisition.witness_names import ACCEPTABLE
 from cldit.api.folder_evaluation import (
-    DelayEvaluation,
-    delay_problems,
+    GroupEvaluation,
     delay_rows,
-    evaluate_delays,
+    evaluate_groups,
     evaluate_scattering,
+    group_problems,
 )
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_problem
@@ -81,11 +82,11 @@ def evaluate(
         print_next("cldit", "evaluate", write_measured)
         return Outcome({"measured": write_measured})
     target = acquisition_in(folder)
+    recorded = open_recorded(target, frame=frame)
     with ProgressBar() as bar:
-        evaluations = evaluate_delays(
-            target,
+        evaluations = evaluate_groups(
+            recorded,
             curve=calibration,
-            frame=frame,
             accept=accept,
             say=lambda line: OUT.print(escaped(line)),
             progress=lambda done, total: bar.watch(Progress("shots", done, total, None)),
@@ -101,7 +102,7 @@ def evaluate(
         if group.evaluation is not None:
             _print(group.evaluation)
             if modelled is not None and _shows(modelled, group, evaluations):
-                _scattering(target, modelled, group.evaluation, group.folder)
+                _scattering(recorded, modelled, group.evaluation, group.folder)
             _print_result(group.evaluation.maps)
         print_files(group.folder)
     for table in sorted({group.folder.parent / "delays.csv" for group in evaluations}):
@@ -114,14 +115,14 @@ def evaluate(
     if suffix is not None:
         print_files(show_folder(target, suffix=suffix))
     print_next("cldit", "view", folder)
-    if problems := delay_problems(evaluations):
+    if problems := group_problems(evaluations):
         print_problem(problems)
     return Outcome(
-        {"delays": [_data(delay) for delay in evaluations]}, Exit.FAILED if problems else Exit.DONE
+        {"delays": [_data(group) for group in evaluations]}, Exit.FAILED if problems else Exit.DONE
     )
 
 
-def _data(group: DelayEvaluation) -> dict[str, Any]:
+def _data(group: GroupEvaluation) -> dict[str, Any]:
     return {
         "delay_s": group.delay_s,
         "filter": group.filter_name,
@@ -145,7 +146,7 @@ def _print_result(maps: Maps) -> None:
         OUT.print(f"standard error of T_app: {np.nanmedian(error_K):.2g} K (median)", style="bold")
 
 
-def _shows(model: Run, group: DelayEvaluation, evaluations: tuple[DelayEvaluation, ...]) -> bool:
+def _shows(model: Run, group: GroupEvaluation, evaluations: tuple[GroupEvaluation, ...]) -> bool:
     """True if the model has this delay and this filter; a single one is not checked."""
     if group.evaluation is None or len(evaluations) == 1:
         return len(evaluations) == 1
@@ -156,8 +157,10 @@ def _shows(model: Run, group: DelayEvaluation, evaluations: tuple[DelayEvaluatio
     return one_delay or same_time(spray_time_s(model.scene), group.delay_s)
 
 
-def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:
-    medium = evaluate_scattering(target, model, evaluation, maps=maps)
+def _scattering(
+    recorded: Acquisition | Measured, model: Run, evaluation: Evaluation, maps: Path
+) -> None:
+    medium = evaluate_scattering(recorded, model, evaluation, maps)
     valid = np.isfinite(medium.temperature_K)
     changed = medium.temperature_K - evaluation.maps.apparent_temperature_K
     OUT.print(

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import click
 
 from cldit.acquisition.export import FORMATS
-from cldit.acquisition.record import acquisition_in, open_acquisition
 from cldit.api.exporting import OCTREE, export
 from cldit.cli.console import OUT, ProgressBar, plain_errors
 from cldit.cli.options import PATH, replaced_by
@@ -37,14 +36,8 @@ def export_command(
             device=None if device is None else _device(device),
             progress=bar.say,
         )
-    shots = ""
-    if form != OCTREE:
-        acquisition = open_acquisition(acquisition_in(folder))
-        shots = f"{len(acquisition.shots)} shots, "
-        if acquisition.missing:
-            OUT.print(f"[yellow]{len(acquisition.missing)} shots are still missing[/]")
     for path in written:
-        OUT.print(f"{path}: {shots}{path.stat().st_size / 1e6:.1f} MB")
+        OUT.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
 
 
 def _device(name: str) -> "Device":

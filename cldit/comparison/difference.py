@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.comparison.causes import Cause, causes, trials
 from cldit.comparison.chi_square import LEVEL
 from cldit.comparison.members import injections_p
@@ -24,7 +25,6 @@ from cldit.comparison.verdict import Verdict
 from cldit.run.ensemble import INJECTIONS
 from cldit.scene.keys import KeyDifference, key_differences
 
-Image = NDArray[np.float64]
 Align = Literal["metadata", "images"]
 
 
@@ -82,9 +82,9 @@ class Difference:
     keys: tuple[KeyDifference, ...]
     causes: tuple[Cause, ...]
     seen: tuple[Shown, Shown] = field(repr=False)
-    change_K: Image = field(repr=False)
-    error_K: Image = field(repr=False)
-    residuals: Image = field(repr=False)
+    change_K: Floats = field(repr=False)
+    error_K: Floats = field(repr=False)
+    residuals: Floats = field(repr=False)
 
     @property
     def t_app(self) -> MapDifference:
@@ -236,12 +236,12 @@ def difference(
     by_images = align == "images"
     reference, result, averaged = together(parts.baseline, parts.compared, centred=not by_images)
     unaligned = parts.baseline, parts.compared
-    view, of_view, swapped = None, list[Image](), result.noisy and not reference.noisy
+    view, of_view, swapped = None, list[Floats](), result.noisy and not reference.noisy
     if by_images:
         reference, result, view, of_view = aligned(reference, result)
     traced = 1 if unaligned[1].run is not None else 0
 
-    def onto(trace: Shown) -> Image:
+    def onto(trace: Shown) -> Floats:
         """T_app of a trace, one of both evaluated otherwise, on the common pixels."""
         pair = (unaligned[0], trace) if traced else (trace, unaligned[1])
         pair = together(*pair, centred=not by_images)[:2]

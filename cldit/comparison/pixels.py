@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.camera.view import overlap_matrix
 from cldit.comparison.shown import Shown
@@ -25,8 +26,6 @@ from cldit.radiance.weights import Weights
 _SAME = 0.01  # of a pixel, over the whole image
 _MOSTLY = 0.5  # share of the emissivity of a pixel that has a T_app
 _ANY_K = 300.0  # where there is none
-
-Image = NDArray[np.float64]
 
 
 def same_pixels(baseline: Shown, compared: Shown, *, centred: bool = True) -> bool:
@@ -85,13 +84,13 @@ def _averaged(trace: Shown, onto: Shown, grids: str, *, centred: bool) -> Shown:
     across = overlap_matrix(wide, columns, min(shares[0], 1.0))
     along = overlap_matrix(high, rows, min(shares[1], 1.0))
 
-    def mean(image: NDArray[np.floating]) -> Image:
+    def mean(image: NDArray[np.floating]) -> Floats:
         return np.asarray(along @ (across @ np.asarray(image, np.float64).T).T)
 
     if trace.run is None:
         squared = across.multiply(across), along.multiply(along)
 
-        def mean_square(image: Image) -> Image:
+        def mean_square(image: Floats) -> Floats:
             return np.asarray(squared[1] @ (squared[0] @ image.T).T)
 
         averaged = _averaged_recording(trace, grids, mean=mean, mean_square=mean_square)
@@ -125,8 +124,8 @@ def _averaged_recording(
     fine: Shown,
     grids: str,
     *,
-    mean: Callable[[Image], Image],
-    mean_square: Callable[[Image], Image],
+    mean: Callable[[Floats], Floats],
+    mean_square: Callable[[Floats], Floats],
 ) -> Shown:
     """A recording on coarser pixels: area means of emissivity and of the radiance of the spray.
 
@@ -190,10 +189,10 @@ def _averaged_recording(
     )
 
 
-def _mean_known(error_K: Image, mean: Callable[[Image], Image]) -> Image:
+def _mean_known(error_K: Floats, mean: Callable[[Floats], Floats]) -> Floats:
     """Mean over the pixels that have an error; errors of neighbours are assumed to be the same."""
     finite = np.isfinite(error_K)
     share = mean(finite.astype(np.float64))
     total = mean(np.where(finite, error_K, 0.0))
-    out: Image = np.divide(total, share, out=np.full(share.shape, np.nan), where=share > 0)
+    out: Floats = np.divide(total, share, out=np.full(share.shape, np.nan), where=share > 0)
     return out

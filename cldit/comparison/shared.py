@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from cldit.accuracy.errors import OMISSION, PARTS, Cause
-from cldit.arrays import Mask
+from cldit.arrays import Floats, Mask
 from cldit.camera.view import SensorView
 from cldit.comparison.members import Members
-from cldit.comparison.shown import Image, Shown
+from cldit.comparison.shown import Shown
 from cldit.dit.budget import Part
 from cldit.io.origin import ROOMS
 from cldit.run import Run
@@ -185,7 +185,7 @@ def _counted(
     of_run = None if shown.run is not None else shown.maps
     members = Members.of(run, recorded=of_run) if shown.error_map_K is not None else None
     common: tuple[Part, ...] = ()
-    rest: list[Image] = []
+    rest: list[Floats] = []
     if members is not None:
         if any(cause.name == INJECTIONS for cause in stated):
             of_mean = members.of_mean
@@ -224,7 +224,7 @@ def _counted(
     )
 
 
-def _map_of(shown: Shown, cause: Cause, like: Image, inside: Mask | None) -> Image:
+def _map_of(shown: Shown, cause: Cause, like: Floats, inside: Mask | None) -> Floats:
     """Error of a source in each pixel; the same in all if it has no map."""
     run = shown.traced
     assert run is not None and cause.error_K is not None

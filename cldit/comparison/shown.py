@@ -22,8 +22,6 @@ from cldit.optics.response import edges_um, from_plain
 from cldit.run import Run, open_run
 from cldit.scene import Scene
 
-Image = Floats
-
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
@@ -48,7 +46,7 @@ class Shown:
     centre_m: tuple[float, float]
     error_K: float | None = None
     at_least: bool = False
-    error_map_K: Image | None = None
+    error_map_K: Floats | None = None
     emissivity_error: float | None = None
     common: tuple[Part, ...] = ()
     systematic: tuple[Part, ...] = ()
@@ -61,22 +59,22 @@ class Shown:
     traced: Run | None = None
 
     @property
-    def independent_K2(self) -> Image | None:
+    def independent_K2(self) -> Floats | None:
         """Variance (H, W) of errors that pixels do not share; None if no error is stated."""
         if self.error_K is None and self.error_map_K is None:
             return None
         uniform_K = np.full(self.maps.emissivity.shape, self.error_K or 0.0)
-        square: Image = (uniform_K if self.error_map_K is None else self.error_map_K) ** 2
+        square: Floats = (uniform_K if self.error_map_K is None else self.error_map_K) ** 2
         for part in self.common:
             square = square - np.nan_to_num(part.kelvin) ** 2
         return np.maximum(square, 0.0)
 
     @property
-    def independent_covariance_K(self) -> Image:
+    def independent_covariance_K(self) -> Floats:
         """Covariance (H, W) of the errors of emissivity and T_app that pixels do not share; NaN if
         their correlation is unknown."""
         maps = self.maps
-        covariance: Image = (
+        covariance: Floats = (
             maps.error_correlation.astype(np.float64)
             * maps.emissivity_standard_error
             * maps.apparent_temperature_standard_error_K

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Image, Mask
 from cldit.io.images import read_image, words, write_image
 from cldit.radiance.apparent_temperature import has_temperature
-
-Image = NDArray[np.float32]
 
 
 class Reason(IntEnum):
@@ -86,7 +85,7 @@ class Maps:
         return cls(nothing, nothing, nothing, nothing, codes, nothing, nothing, nothing)
 
     @property
-    def has_temperature(self) -> NDArray[np.bool_]:
+    def has_temperature(self) -> Mask:
         """Pixels (H, W) with an apparent temperature and an emissivity above 0.05."""
         return has_temperature(self.emissivity, self.apparent_temperature_K)
 

@@ -28,11 +28,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Image
 from cldit.optics.planck import part_radiance
 from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.spectral import reference_temperature_K
-from cldit.radiance.weights import Image, Weights
+from cldit.radiance.weights import Weights
 from cldit.scene.camera import Camera
 from cldit.scene.schema import Scene
 

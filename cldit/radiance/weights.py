@@ -16,12 +16,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Image
 from cldit.io.files import make_folder
 from cldit.io.images import read_image, write_image
-
-Image = NDArray[np.float32]
 
 EMITTED = ("vapour", "liquid")
 _WHOLE = ("background", "wall", *EMITTED)
@@ -91,7 +89,7 @@ def mean(members: Iterable[Weights], shares: Sequence[float] | None = None) -> W
     Transfer is linear, so these are the weights of the mean light. `shares` are in proportion to
     the part of each; None: equal.
     """
-    sums: dict[str, NDArray[np.float64]] = {}
+    sums: dict[str, Floats] = {}
     total = 0.0
     for share, weights in zip(repeat(1.0) if shares is None else shares, members, strict=False):
         total += share
@@ -113,7 +111,7 @@ def compose(
     background: float | None,
     wall: float,
     patches: Mapping[str, float] | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Radiance that leaves the chamber towards the camera, photons s-1 m-2 sr-1.
 
     Args:

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.accuracy.errors import Cause, Errors
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Image
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
 from cldit.radiance.apparent_temperature import has_temperature
-from cldit.run.ensemble_statistics import Ensemble, Image
+from cldit.run.ensemble_statistics import Ensemble
 from cldit.run.mean_light import MeanLight
 from cldit.run.result import Run
 from cldit.scene import Scene, dump_scene

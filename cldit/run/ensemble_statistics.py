@@ -5,12 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Image
 from cldit.dit.maps import Maps
 from cldit.io.images import read_image, words, write_maps
 
-Image = NDArray[np.float32]
 STATISTICS = "ensemble"
 """Folder of the maps in that of the run."""
 

@@ -12,6 +12,8 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from cldit.errors import SceneError
+from cldit.rig.errors import RigError
+from cldit.testing.expect import ContractBroken
 from cldit.testing.replies import Replies
 
 GROUP = "cldit.emulators"
@@ -82,6 +84,22 @@ def beds_of(driver: str) -> dict[str, Make]:
         f"the driver {driver!r} has no emulator, so its behaviour after a lost answer is not "
         f"tested: register beds as an entry point of the group {GROUP} (docs/extending.md)"
     )
+
+
+def problem_of(check: Callable[[float], object], *, answer_s: float) -> str:
+    """Problem of a check whose driver waits `answer_s` for an answer; empty if there is none.
+
+    A busy machine may take longer to answer than that, so the check is repeated with twenty times
+    as long before it fails.
+    """
+    try:
+        check(answer_s)
+    except (ContractBroken, RigError):
+        try:
+            check(20.0 * answer_s)
+        except (ContractBroken, RigError) as error:
+            return str(error)
+    return ""
 
 
 @contextmanager

@@ -15,10 +15,8 @@ from cldit.testing.bed import Step
 from cldit.testing.expect import Allowed, Check, expect, near, refuses
 
 _INTEGRATION_s, _AGREE_s = 25e-6, 1e-8
-_WALL_s = (-0.1, 60.0)  # host time of a frame after the start, on a busy machine too
-# Aravis' own camera polls for a trigger every 0.1 s, and its clock cannot be read: the host time is
-# that of reading.
-_SLOW_MAKER, _LOOKS_s = "Aravis", 0.1
+_HANG_s = 60.0  # limit for what takes milliseconds where all is well
+_WALL_s = (-0.1, _HANG_s)  # host time of a frame after the start, on a busy machine too
 
 
 def _take(camera: Camera, n: int) -> list[Frame]:
@@ -26,7 +24,7 @@ def _take(camera: Camera, n: int) -> list[Frame]:
     camera.arm()
     for _ in range(n):
         camera.software_trigger()
-    frames = list(camera.read_frames(n, 5.0))
+    frames = list(camera.read_frames(n, _HANG_s))
     camera.disarm()
     return frames
 
@@ -40,7 +38,7 @@ def _missing(camera: Camera, n: int, timeout_s: float, arrived: int, call: str) 
 
 def frames(camera: Camera, allowed: Allowed) -> None:
     """Checks shape, type, ids, times and noise of images over two starts."""
-    camera.wait_ready(60.0)
+    camera.wait_ready(_HANG_s)
     columns, rows = camera.capabilities.sensor_pixels
     x, y, width, height = camera.read_configuration()["roi"]
     inside = 0 <= x < x + width <= columns and 0 <= y < y + height <= rows
@@ -58,8 +56,7 @@ def frames(camera: Camera, allowed: Allowed) -> None:
         )
     ids = [frame.frame_id for frame in got]
     expect(ids == list(range(ids[0], ids[0] + 5)), f"ids {ids} are not continuous")
-    slow = camera.identify().maker == _SLOW_MAKER
-    least_ns = 1e9 * (0.99 * camera.capabilities.minimum_period_s - (_LOOKS_s if slow else 0.0))
+    least_ns = 1e9 * 0.99 * camera.capabilities.minimum_period_s
     device_steps_ns = np.diff([frame.device_timestamp_ns for frame in got])
     expect(
         np.all(device_steps_ns >= least_ns),
@@ -67,7 +64,7 @@ def frames(camera: Camera, allowed: Allowed) -> None:
     )
     host_steps_ns = np.diff([frame.host_timestamp_ns for frame in got])
     expect(
-        np.all(host_steps_ns >= (0.0 if slow else least_ns)),
+        np.all(host_steps_ns >= least_ns),
         f"{host_steps_ns} ns from frame to frame",
     )
     if not camera.identify().simulated:
@@ -140,7 +137,7 @@ def internal_trigger(camera: Camera, allowed: Allowed) -> None:
         return
     camera.prepare(TriggerInfo(TriggerMode.INTERNAL, n_frames=4))
     camera.arm()
-    expect(len(list(camera.read_frames(4, 5.0))) == 4, "four frames were requested")
+    expect(len(list(camera.read_frames(4, _HANG_s))) == 4, "four frames were requested")
 
 
 def refuses_what_it_lacks(camera: Camera, allowed: Allowed) -> None:
@@ -172,7 +169,7 @@ def camera_steps(
 
     def images() -> list[Any]:
         edge()
-        return [frame.data for frame in device.read_frames(1, 0.5)]
+        return [frame.data for frame in device.read_frames(1, _HANG_s)]
 
     def seen(received: list[Any]) -> bool:
         return picture is None or np.array_equal(received, [picture()])
@@ -183,7 +180,7 @@ def camera_steps(
 
     external = TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=2)
     return [
-        Step("ready", lambda: device.wait_ready(1.0)),
+        Step("ready", lambda: device.wait_ready(_HANG_s)),
         Step("configure", lambda: device.configure(_INTEGRATION_s), settings),
         Step("prepare", lambda: device.prepare(external)),
         Step("configuration", device.read_configuration, settings),

@@ -16,20 +16,18 @@ from typing import Any, TypeVar
 
 from cldit.rig.errors import NotConnected, NotSafe, RigError
 from cldit.rig.protocols import Safety
-from cldit.testing.bed import Bed, Make, Step, opened
+from cldit.testing.bed import Bed, Make, Step, opened, problem_of
 from cldit.testing.expect import ContractBroken, expect, refuses
-from cldit.testing.replies import LINE_FAULTS, Fault
+from cldit.testing.replies import Fault
 
-# Time to wait for an answer, and delay of a late one. On a busy machine the first may lose another
-# answer, which the contract allows, but not three times in a row.
-_ANSWER_s, _LATE_s = 0.1, 0.15
-_DEAD_ANSWER_s, _REACH_s = 0.3, 20.0  # twice the time in which `Linked` tries to reach a device
-_SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
+_ANSWER_s, _LATE = 0.1, 1.5  # time to wait for an answer; delay of a late one over that
+_DEAD_ANSWER_s = 0.3
+_REACH_s = 300.0  # a driver that tries without end; `Linked` tries for 10 s, on an idle machine
+SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
 _SAMPLES = 8
 
 C = TypeVar("C")
 Numbers = Callable[[int], Sequence[int]]
-Faults = Callable[[int], Sequence[Fault]]
 
 
 def every(replies: int) -> Sequence[int]:
@@ -42,33 +40,13 @@ def some(replies: int) -> Sequence[int]:
     return sorted({1 + (replies - 1) * part // (_SAMPLES - 1) for part in range(_SAMPLES)})
 
 
-def lost(number: int) -> Sequence[Fault]:
-    """Fault of a reply that never arrives."""
-    return [Fault.DROP]
-
-
-def spoiled_in_turn(number: int) -> Sequence[Fault]:
-    """A fault that changes from reply to reply, so that each meets even and odd numbers."""
-    turn = len(_SPOILED)
-    return [_SPOILED[(number + number // turn) % turn]]
-
-
-def any_in_turn(number: int) -> Sequence[Fault]:
-    """A fault that changes from reply to reply, lost replies included."""
-    return [LINE_FAULTS[number % len(LINE_FAULTS)]]
-
-
-def all_faults(number: int) -> Sequence[Fault]:
-    """All faults, one after the other."""
-    return LINE_FAULTS
-
-
 def check_replies(
     make: Make,
     numbers: Numbers,
-    faults: Faults,
+    faults: Sequence[Fault],
     settings: Mapping[str, Any] | None = None,
     *,
+    in_turn: bool = True,
     at_once: int = 1,
 ) -> int:
     """Runs a session for each reply and each of its faults, and returns the number of sessions.
@@ -76,8 +54,10 @@ def check_replies(
     Args:
         make: from `cldit.testing.bed.beds_of`.
         numbers: gives the numbers of the replies to damage, from the number of all replies.
-        faults: gives the faults of the reply of a number, each for one session.
+        faults: of the replies, `LINE_FAULTS` or some of them.
         settings: of the driver, without the address.
+        in_turn: each reply has the next fault, each fault with even and odd numbers; False: each
+            reply has each fault.
         at_once: sessions in parallel, each with its own emulator, because they mostly wait for
             answers that do not arrive.
 
@@ -95,14 +75,23 @@ def check_replies(
 
     def one(case: tuple[int, Fault]) -> str:
         number, fault = case
-        with opened(make, settings, answer_s=_ANSWER_s) as bed:
-            assert bed.replies is not None
-            bed.replies.spoil(fault, number, late_s=_LATE_s)
-            problem = _problem(bed, go_on=bool(number % 2))
-        return f"reply {number} of {replies}, {fault}: {problem}" if problem else ""
 
-    cases = [(number, fault) for number in numbers(replies) for fault in faults(number)]
-    _all_right(one, cases, at_once)
+        def check(answer_s: float) -> None:
+            with opened(make, settings, answer_s=answer_s) as bed:
+                assert bed.replies is not None
+                bed.replies.spoil(fault, number, late_s=_LATE * answer_s)
+                problem = _problem(bed, go_on=bool(number % 2))
+            expect(not problem, f"reply {number} of {replies}, {fault}: {problem}")
+
+        return problem_of(check, answer_s=_ANSWER_s)
+
+    turn = len(faults)
+    cases = [
+        (number, fault)
+        for index, number in enumerate(numbers(replies))
+        for fault in ([faults[(index + index // turn) % turn]] if in_turn else faults)
+    ]
+    all_right(one, cases, at_once)
     return len(cases)
 
 
@@ -123,17 +112,17 @@ def check_connect(
         replies = bed.replies.sent
 
     def one(number: int) -> str:
-        with opened(make, settings, answer_s=_ANSWER_s) as bed:
-            assert bed.replies is not None
-            bed.replies.spoil(Fault.DROP, number)
-            try:
-                bed.device.connect(5.0)
+        def check(answer_s: float) -> None:
+            with opened(make, settings, answer_s=answer_s) as bed:
+                assert bed.replies is not None
+                bed.replies.spoil(Fault.DROP, number)
+                bed.device.connect(50.0 * answer_s)
                 bed.device.make_safe()
-            except RigError as error:
-                return f"reply {number} of {replies} lost: {error}"
-        return ""
 
-    _all_right(one, every(replies), at_once)
+        problem = problem_of(check, answer_s=_ANSWER_s)
+        return f"reply {number} of {replies} lost: {problem}" if problem else ""
+
+    all_right(one, every(replies), at_once)
     return replies
 
 
@@ -198,7 +187,7 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
 
 
-def _all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
+def all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
     """Raises ContractBroken with the problems of all cases, whose sessions run in parallel."""
     with ThreadPoolExecutor(at_once) as pool:
         failures = [problem for problem in pool.map(check, cases) if problem]

@@ -1,21 +1,23 @@
 """Runs the contract for a driver: on its emulators, or the safe part of it on an instrument."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 from cldit.rig.errors import RigError
-from cldit.rig.protocols import Device
 from cldit.testing import lost_replies
 from cldit.testing.backgrounds import BACKGROUND
-from cldit.testing.bed import Bed, Make, beds_of, opened
+from cldit.testing.bed import Make, beds_of, opened
 from cldit.testing.cameras import CAMERA
 from cldit.testing.devices import IDENTITY, LIFE
 from cldit.testing.expect import EVERYTHING, Allowed, Check, ContractBroken, NotAllowed
 from cldit.testing.idle import check_idle
 from cldit.testing.implausible import check_implausible
+from cldit.testing.replies import LINE_FAULTS, Fault
 from cldit.testing.triggers import PULSES, TRIGGER
 from cldit.testing.wheels import FAULTS, WHEEL, check_spoiled
 
@@ -73,19 +75,16 @@ def on_emulators(
         SceneError: there is no emulator, or the driver rejects the settings.
     """
     for variant, make in beds_of(driver).items():
-        for check in OF_KIND[kind]:
-            connects = check is not LIFE
-            yield _tried(
-                variant, check.name, _alone(make, settings, check, connects, with_bed=False)
-            )
-        for check in OF_BED.get(kind, []):
-            yield _tried(variant, check.name, _alone(make, settings, check, True, with_bed=True))
-        for name, work in _lines(make, kind, settings, all_faults).items():
-            yield _tried(variant, name, work)
+        for checks, with_bed in ((OF_KIND[kind], False), (OF_BED.get(kind, []), True)):
+            for check in checks:
+                work = partial(_alone, make, settings, check, with_bed=with_bed)
+                yield _tried(variant, check.name, work)
+        for name, trials in _lines(make, kind, settings, all_faults).items():
+            yield _tried(variant, name, trials)
 
 
 def on_instrument(
-    device: Device, kind: str, allowed: Allowed, *, pause_s: float = 1.0
+    device: Any, kind: str, allowed: Allowed, *, pause_s: float = 1.0
 ) -> Iterator[Result]:
     """Runs the part of the contract that is safe on an instrument; the caller makes it safe.
 
@@ -101,53 +100,42 @@ def on_instrument(
     for number, check in enumerate(OF_KIND[kind]):
         if number:
             time.sleep(pause_s)
-        if kind == "camera":
-            _disarm(device)
+        if kind == "camera":  # the check before may have left it armed
+            with suppress(RigError):
+                device.disarm()
         result = _tried("instrument", check.name, lambda c=check: c.run(device, allowed))  # type: ignore[misc]
         yield result
         if result.verdict is Verdict.FAILED and check is LIFE:
             return
 
 
-def _disarm(device: Any) -> None:
-    """Disarms a camera that the previous check left armed, if it is connected."""
-    try:
-        device.disarm()
-    except RigError:
-        return
-
-
-def _alone(
-    make: Make, settings: Mapping[str, Any] | None, check: Check, connects: bool, *, with_bed: bool
-) -> Callable[[], None]:
-    """A check on its own bed: of the whole bed, or of its device alone."""
-
-    def work() -> None:
-        with opened(make, settings) as bed:
-            if connects:
-                bed.device.connect()
-            subject: Bed | Any = bed if with_bed else bed.device
-            check.run(subject, EVERYTHING)
-
-    return work
+def _alone(make: Make, settings: Mapping[str, Any] | None, check: Check, *, with_bed: bool) -> None:
+    """Runs a check on its own bed: of the whole bed, or of its device alone."""
+    with opened(make, settings) as bed:
+        if check is not LIFE:
+            bed.device.connect()
+        check.run(bed if with_bed else bed.device, EVERYTHING)
 
 
 def _lines(
     make: Make, kind: str, settings: Mapping[str, Any] | None, all_faults: bool
 ) -> dict[str, Callable[[], object]]:
-    def replies(numbers: lost_replies.Numbers, faults: lost_replies.Faults) -> Callable[[], str]:
-        return lambda: f"{lost_replies.check_replies(make, numbers, faults, settings)} sessions"
+    def replies(
+        numbers: lost_replies.Numbers, faults: Sequence[Fault], *, in_turn: bool = True
+    ) -> Callable[[], str]:
+        check = partial(lost_replies.check_replies, make, numbers, faults, settings)
+        return lambda: f"{check(in_turn=in_turn)} sessions"
 
     work: dict[str, Callable[[], object]] = {
         "states": lambda: lost_replies.check_states(make, settings)
     }
     if all_faults:
-        work["each reply, each fault"] = replies(lost_replies.every, lost_replies.all_faults)
+        work["each reply, each fault"] = replies(lost_replies.every, LINE_FAULTS, in_turn=False)
     elif kind == "camera":
-        work["some replies lost, spoiled"] = replies(lost_replies.some, lost_replies.any_in_turn)
+        work["some replies lost, spoiled"] = replies(lost_replies.some, LINE_FAULTS)
     else:
-        work["each reply lost"] = replies(lost_replies.every, lost_replies.lost)
-        work["each reply spoiled"] = replies(lost_replies.every, lost_replies.spoiled_in_turn)
+        work["each reply lost"] = replies(lost_replies.every, [Fault.DROP])
+        work["each reply spoiled"] = replies(lost_replies.every, lost_replies.SPOILED)
     if kind != "camera":
         work["a reply lost while it connects"] = lambda: (
             f"{lost_replies.check_connect(make, settings)} sessions"

@@ -60,7 +60,7 @@ NOTES = {
 _INTRODUCTION = """\
 Which licences come with an installation? cldit is MIT. The table has the SPDX expression of each
 package that `pip install ".[pocl]"` brings, and of each package that an extra names. Only the
-extras `tdms`, `aravis` and `film` bring something that is LGPL or GPL without a choice. Made on
+extras `tdms` and `film` bring something that is LGPL or GPL without a choice. Made on
 {date} by `python -m tests.bench licences` from the metadata of the installed versions; packages
 without an SPDX expression there are marked *, by their licence file. Others: needed by other
 packages.

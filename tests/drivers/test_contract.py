@@ -3,8 +3,8 @@ wheels is in `test_filter_wheels.py`.
 
 A driver joins by a rig in `RIGS` (cameras with a trigger line, trigger generators), `CAMERAS` or
 `BACKGROUNDS` of `tests/rigs.py`. Those of real instruments talk over loopback sockets and
-pseudo-terminals to the peers in `cldit.drivers`, whose time is real but for the black bodies',
-which share the rig's simulated clock, and to Aravis' camera.
+pseudo-terminals to the peers in `tests/emulators`, whose time is real but for the black bodies',
+which share the rig's simulated clock.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from cldit.rig.load import Rig
-from cldit.rig.protocols import Background, Camera, Device, Roi, TriggerGenerator
+from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
 from cldit.testing.backgrounds import BACKGROUND
 from cldit.testing.cameras import CAMERA
 from cldit.testing.devices import IDENTITY, LIFE
@@ -59,8 +59,6 @@ def device(request: pytest.FixtureRequest, rig: Rig) -> Device:
 def camera(request: pytest.FixtureRequest, tiny_rig: dict[str, Any]) -> Iterator[Camera]:
     for rig in opened(CAMERAS[request.param], tiny_rig):
         rig.camera.connect()
-        if rig.camera.identify().maker == "Aravis":  # slow, and black at short exposures
-            rig.camera.configure(5e-3, Roi(0, 0, 640, 512))
         yield rig.camera
 
 

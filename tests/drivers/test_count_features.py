@@ -120,9 +120,8 @@ def peers() -> Iterator[PeerRig]:
 
 
 @pytest.mark.gige
-def test_a_dry_run_sets_or_names_them(client: str, peers: PeerRig, tmp_path: Path) -> None:
+def test_a_dry_run_sets_or_names_them(peers: PeerRig, tmp_path: Path) -> None:
     data = peers.rig_data()
-    data["camera"]["driver"] = client
     with open_rig(data) as rig:
         found = dry_run(rig, PLAN, tmp_path / "a")
     registers = (reg.GAIN_AUTO, reg.BINNING, reg.IR_FORMAT, reg.NUC_MODE)

@@ -5,7 +5,6 @@ The peers are checked by clients that are not ours: the maker's driver of the DG
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +20,7 @@ from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotCo
 from cldit.rig.protocols import Burst
 from tests.emulators.dg645 import Dg645Peer
 from tests.emulators.pulse_generator import PulseGeneratorPeer
+from tests.patience import HANG_s, until
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
@@ -41,7 +41,7 @@ def generator() -> Iterator[Dg645Peer]:
 
 @pytest.fixture
 def dg645(generator: Dg645Peer) -> Iterator[Dg645]:
-    device = open_dg645({"host": generator.host, "port": generator.port, "answer_s": 0.3}, CONTEXT)
+    device = open_dg645({"host": generator.host, "port": generator.port, "answer_s": 30.0}, CONTEXT)
     device.connect()
     yield device
     device.close()
@@ -68,7 +68,7 @@ def test_dg645_reference_leaves_the_injector_still(generator: Dg645Peer, dg645: 
     for inject, injections in ((False, 0), (True, 1), (False, 1)):
         dg645.configure(Burst(inject=inject))
         dg645.fire()
-        dg645.wait_done(1.0)
+        dg645.wait_done(HANG_s)
         assert len(generator.pulses("CD")) == injections
     assert len(generator.pulses("AB")) == 3
     dg645.configure(Burst(inject=True))
@@ -89,11 +89,11 @@ def test_dg645_rate_error_and_inhibit_input(generator: Dg645Peer, dg645: Dg645) 
 
 
 def test_dg645_busy(generator: Dg645Peer, dg645: Dg645) -> None:
-    dg645.configure(Burst(n=3, period_s=0.05))
+    dg645.configure(Burst(n=3, period_s=0.5))
     dg645.fire()
     with pytest.raises(FireUncertain, match="rate error"):
         dg645.fire()
-    dg645.wait_done(1.0)
+    dg645.wait_done(HANG_s)
     assert len(generator.pulses("AB")) == 3 and generator.triggers == 1
 
 
@@ -103,7 +103,7 @@ def test_dg645_unplugged_and_silent(generator: Dg645Peer, dg645: Dg645) -> None:
     with pytest.raises(RigError):  # it shows before the trigger goes out
         dg645.fire()
     assert generator.triggers == 0
-    dg645.connect()  # plugged in again: nothing fires until it is configured
+    dg645.connect(0.5)  # plugged in again: nothing fires until it is configured
     with pytest.raises(ConfigRejected, match="inhibited"):
         dg645.fire()
     generator.deaf = True
@@ -151,7 +151,7 @@ def test_pulse_generator_agrees_with_qmi() -> None:
             theirs.set_t0_mode(PulseMode.SINGLE)
             theirs.set_channel_enabled(2, False)
             theirs.set_output_enabled(True)  # what ours calls fire()
-            time.sleep(0.05)
+            until(lambda: peer.pulses("A"))
             assert len(peer.pulses("A")) == 1 and not peer.pulses("B")
         finally:
             theirs.close()

@@ -11,7 +11,7 @@ import pytest
 
 from cldit.errors import SceneError
 from cldit.io.plain_data import parse_yaml
-from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.clock import SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe
 from cldit.testing.bed import opened
@@ -58,35 +58,6 @@ def test_numbers_that_do_not_fit() -> None:
         Register(address=3, format="int16", decimals=2).encode(400.0)
     with pytest.raises(NotConnected, match="finite"):
         Register(address=3, format="float32").decode([0x7FC0, 0])
-
-
-def test_other_registers_agree_with_minimalmodbus() -> None:
-    """Eurotherm's remote set point (26) in tenths, as its integer registers have it."""
-    minimal = pytest.importorskip("minimalmodbus", reason="minimalmodbus is missing")
-    registers = {
-        "maker": "Eurotherm",
-        "model": "eurotherm-3216, remote set point",
-        "unit": "celsius",
-        "temperature": {"address": 1, "format": "int16", "decimals": 1},
-        "setpoint": {"address": 26, "format": "int16", "decimals": 1},
-    }
-    clock = SimulatedClock()
-    known = RegisterMap.model_validate(registers)
-    with ModbusPeer(registers=known, clock=clock, serial=True) as peer:
-        device = load_driver("modbus_blackbody")(
-            {"registers": registers, "serial": peer.serial, "limits_K": [253.0, 873.0]},
-            RigContext(clock, None, Path(), 1),
-        )
-        device.connect()
-        assert device.identify().model == "eurotherm-3216, remote set point"
-        assert device.set_setpoint(440.35) == pytest.approx(440.35, abs=0.05)
-        device.close()
-        other = minimal.Instrument(peer.serial, 1)
-        other.serial.baudrate, other.serial.timeout = 19200, 1.0
-        try:
-            assert other.read_register(26, 1, signed=True) == pytest.approx(167.2)
-        finally:
-            other.serial.close()
 
 
 def test_templates() -> None:

@@ -13,6 +13,7 @@ from cldit.rig.drivers import describe_drivers
 from cldit.testing import lost_replies
 from cldit.testing.bed import opened
 from cldit.testing.expect import EVERYTHING, Check
+from cldit.testing.replies import LINE_FAULTS, Fault
 from cldit.testing.triggers import PULSES
 from tests.beds import CAMERAS, MANY, cases, make_of
 
@@ -27,9 +28,7 @@ AT_ONCE = 4
 @pytest.mark.parametrize(("driver", "variant"), SHORT)
 def test_each_reply_lost(driver: str, variant: str) -> None:
     make = make_of(driver, variant, {})
-    sessions = lost_replies.check_replies(
-        make, lost_replies.every, lost_replies.lost, at_once=AT_ONCE
-    )
+    sessions = lost_replies.check_replies(make, lost_replies.every, [Fault.DROP], at_once=AT_ONCE)
     assert sessions > 5
 
 
@@ -37,9 +36,7 @@ def test_each_reply_lost(driver: str, variant: str) -> None:
 def test_each_reply_spoiled(driver: str, variant: str) -> None:
     """The kinds of faults in turn; all of each in the slow test."""
     make = make_of(driver, variant, {})
-    lost_replies.check_replies(
-        make, lost_replies.every, lost_replies.spoiled_in_turn, at_once=AT_ONCE
-    )
+    lost_replies.check_replies(make, lost_replies.every, lost_replies.SPOILED, at_once=AT_ONCE)
 
 
 @pytest.mark.parametrize(
@@ -60,20 +57,21 @@ def test_a_reply_lost_while_it_connects(driver: str, variant: str) -> None:
 def test_some_replies_of_many(driver: str, variant: str) -> None:
     """Eight replies from the first to the last, each fault at least once; all in the slow test."""
     make = make_of(driver, variant, {})
-    lost_replies.check_replies(make, lost_replies.some, lost_replies.any_in_turn)
+    lost_replies.check_replies(make, lost_replies.some, LINE_FAULTS)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("driver", "variant"), cases(simulated=False))
 def test_each_reply_each_fault(driver: str, variant: str) -> None:
     """Of a camera's some 140 replies, each lost by one variant, each spoiled by the other."""
-    faults = lost_replies.all_faults
+    faults = LINE_FAULTS
     if driver in CAMERAS:
-        faults = lost_replies.lost if variant == "gige" else lost_replies.spoiled_in_turn
+        faults = [Fault.DROP] if variant == "gige" else lost_replies.SPOILED
     lost_replies.check_replies(
         make_of(driver, variant, {}),
         lost_replies.every,
         faults,
+        in_turn=driver in CAMERAS,
         at_once=1 if driver in CAMERAS else AT_ONCE,  # a camera is found by its port
     )
 

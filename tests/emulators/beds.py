@@ -290,7 +290,7 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
     return make
 
 
-def _gige(driver: str, legacy: bool) -> Make:
+def _gige(legacy: bool) -> Make:
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         peer = stack.enter_context(GigePeer((64, 48), legacy=legacy))
         usual = {"calibration": CALIBRATION}
@@ -298,7 +298,7 @@ def _gige(driver: str, legacy: bool) -> Make:
         line = {"address": peer.host, "interface": "127.0.0.1", "heartbeat_s": 1.5}
 
         def afresh() -> Any:
-            return make_device(driver, SystemClock(), usual, settings, None, line)
+            return make_device("gige_camera", SystemClock(), usual, settings, None, line)
 
         device = afresh()
         told = (f"camera at {peer.host}", "armed for 2 frames", "trigger cable")
@@ -365,12 +365,8 @@ BEDS: dict[str, dict[str, Make]] = {
     },
     "line_blackbody": {"bare-tcp": _line(_BARE, False), "talks-serial": _line(_TALKS, True)},
     "gige_camera": {
-        "gige": _gige("gige_camera", False),
-        "genicam-1.0": _gige("gige_camera", True),
-    },
-    "aravis_camera": {
-        "gige": _gige("aravis_camera", False),
-        "genicam-1.0": _gige("aravis_camera", True),
+        "gige": _gige(False),
+        "genicam-1.0": _gige(True),
     },
 }
 """Test benches by driver and variant."""

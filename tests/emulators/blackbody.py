@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from cldit.rig.clock import Clock, SystemClock
 from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Fault, Replies
 from tests.emulators.lines import AtOneLine, Terminals
+from tests.patience import HANG_s
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.controller import UNITS, Unit, from_kelvin, to_kelvin
@@ -103,7 +104,7 @@ class ModbusPeer(Peer):
         ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), daemon=True)
         self._thread.start()
-        if not ready.wait(10.0):
+        if not ready.wait(HANG_s):
             raise RuntimeError("the Modbus server does not start")
         return self
 
@@ -114,8 +115,8 @@ class ModbusPeer(Peer):
     def unplug(self) -> None:
         """Ends the server, as if the instrument were switched off."""
         if self._loop is not None and self._thread.is_alive():
-            asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop).result(10.0)
-            self._thread.join(10.0)
+            asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop).result(HANG_s)
+            self._thread.join(HANG_s)
 
     def hang_up(self) -> None:
         """Closes all connections of the socket; new ones are accepted."""
@@ -125,7 +126,7 @@ class ModbusPeer(Peer):
                 for link in list(self._server.active_connections.values()):
                     link.close()
 
-            asyncio.run_coroutine_threadsafe(close(), self._loop).result(10.0)
+            asyncio.run_coroutine_threadsafe(close(), self._loop).result(HANG_s)
 
     async def _serve(self, ready: threading.Event) -> None:
         from pymodbus.server import ModbusSerialServer, ModbusTcpServer

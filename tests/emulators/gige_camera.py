@@ -23,9 +23,11 @@ from numpy.typing import NDArray
 from cldit.testing.replies import BINARY_NAN, Replies
 from tests.emulators import gige_registers as reg
 from tests.emulators.gige_stream import Image, image_packets, pattern
+from tests.patience import HANG_s
 
 _GVCP = 3956
 _DENIED, _BAD_ADDRESS, _UNSUPPORTED = 0x8006, 0x8003, 0x8001
+_TICK_s = 0.05  # of its own clock
 _KEPT = 8  # images that can be sent again
 
 
@@ -70,7 +72,7 @@ class GigePeer:
         self._memory = bytearray(reg.SIZE)
         self._controller: tuple[str, int] | None = None
         self._deaf_to: tuple[str, int] | None = None
-        self._heard_s = 0.0
+        self._silent_s = 0.0  # while it listened: a machine that stalls keeps its client
         self._active = False
         self._left = 0
         self._block = 0
@@ -115,7 +117,7 @@ class GigePeer:
         self._on = False
         self._triggers.put(None)
         for thread in self._threads:
-            thread.join(5.0)
+            thread.join(HANG_s)
         for item in (*self._hearing, self._stream):
             item.close()
 
@@ -236,7 +238,11 @@ class GigePeer:
 
     def _listen(self) -> None:
         while self._on:
-            for ready in select.select(self._hearing, [], [], 0.05)[0]:
+            begin_s = time.monotonic()
+            hears = select.select(self._hearing, [], [], _TICK_s)[0]
+            with self._lock:
+                self._silent_s += min(time.monotonic() - begin_s, 2.0 * _TICK_s)
+            for ready in hears:
                 data, sender = ready.recvfrom(2048)
                 if len(data) >= 8 and data[0] == 0x42:
                     self._command(data, sender)
@@ -252,7 +258,7 @@ class GigePeer:
             if sender == self._deaf_to:
                 return
             if sender == self._controller:
-                self._heard_s = time.monotonic()
+                self._silent_s = 0.0
             status, answer = self._answer(command, body, sender)
         if command == 0x0002 or flags & 1:
             reply = struct.pack(">HHHH", status, command + 1, len(answer), number) + answer
@@ -307,7 +313,7 @@ class GigePeer:
             return _BAD_ADDRESS
         if at == reg.CONTROL and self._controller in (None, sender):
             self._controller = sender if value & 3 else None
-            self._heard_s = time.monotonic()
+            self._silent_s = 0.0
             if self._controller is None:
                 self._release()
             self._put(at, value)
@@ -362,8 +368,8 @@ class GigePeer:
 
     def _expire(self) -> None:
         """Control is given up when its holder is not heard for the heartbeat's time."""
-        silent_s = time.monotonic() - self._heard_s
-        if self._controller is not None and 1e3 * silent_s > self._get(reg.HEARTBEAT):
+        silent_ms = 1e3 * self._silent_s
+        if self._controller is not None and silent_ms > self._get(reg.HEARTBEAT):
             self._controller = None
             self._put(reg.CONTROL, 0)
             self._release()

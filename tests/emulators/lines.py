@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from cldit.testing.replies import Replies
+from tests.patience import HANG_s
 
 TEXT = slice(0, -2)  # data of a reply that ends with CR LF
 
@@ -100,7 +101,7 @@ class Terminals:
     def close(self) -> None:
         self._on = False
         for reader in self._readers:  # else one could read from the next owner of its number
-            reader.join(10.0)
+            reader.join(HANG_s)
         for handle in self._handles:
             os.close(handle)
         self._handles.clear()

@@ -28,6 +28,7 @@ else:
     from cldit.drivers.heater import Dynamics
 
 _IN_AIR_s = 0.05  # time for which fuel is visible after an injection
+_ANSWER_s = 60.0  # limit: an answer takes milliseconds, on an idle machine
 _FAST = Dynamics(time_constant_s=0.05)
 
 # A camera of 14 bit that can measure black bodies from 340 K.
@@ -112,12 +113,20 @@ class PeerRig:
             "background": self._background(),
             "trigger": {
                 "driver": "dg645",
-                "settings": {"host": self.generator.host, "port": self.generator.port},
+                "settings": {
+                    "host": self.generator.host,
+                    "port": self.generator.port,
+                    "answer_s": _ANSWER_s,
+                },
             },
         }
 
     def _background(self) -> dict[str, Any]:
-        line = {"host": self.blackbody.host, "port": self.blackbody.port}
+        line = {
+            "host": self.blackbody.host,
+            "port": self.blackbody.port,
+            "answer_s": _ANSWER_s,
+        }
         if isinstance(self.blackbody, FlukePeer):
             return {"driver": "fluke418x", "settings": line}
         own = {

@@ -1,7 +1,8 @@
 """Runs an acquisition that the tests kill: arguments RIG PLAN FOLDER [POINT NUMBER].
 
-With POINT it kills itself with SIGKILL when that point is reached for the NUMBERth time. Lines of
-the black body's approach are no points of their own, but for `torn_approach`.
+With POINT it kills itself with SIGKILL when that point is reached for the NUMBERth time, or NUMBER
+milliseconds after its first progress; `ctrl_c` and `ctrl_c_twice` interrupt it. Lines of the black
+body's approach are no points of their own, but for `torn_approach`.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ import os
 import resource
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
 import cldit.acquisition.journal as journal_module
 import cldit.acquisition.sequence as sequence_module
 from cldit.acquisition import acquire, load_plan, storage
+from cldit.acquisition.interrupts import Interrupts
 from cldit.errors import ClditError
 from cldit.io import files
 from cldit.rig.load import Rig, open_rig
@@ -77,6 +80,33 @@ def arm(point: str, number: int, rig: Rig) -> None:
                 die()
 
         rig.trigger.fire = fire_and_die  # type: ignore[method-assign]
+    elif point == "ctrl_c":  # the pulse is out, the frame not read
+
+        def fire_and_press() -> None:
+            fire()
+            if reached():
+                os.kill(os.getpid(), signal.SIGINT)
+
+        rig.trigger.fire = fire_and_press  # type: ignore[method-assign]
+    elif point == "ctrl_c_twice":  # the second one when the first is handled: both would be one
+        handle, handled = Interrupts._handle, threading.Event()
+
+        def handling(self: Interrupts, *args: Any) -> None:
+            handled.set()
+            handle(self, *args)
+
+        def press() -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+            handled.wait()
+            os.kill(os.getpid(), signal.SIGINT)
+
+        def fire_and_let_press() -> None:
+            fire()
+            if reached():
+                threading.Thread(target=press).start()
+
+        Interrupts._handle = handling  # type: ignore[method-assign, assignment]
+        rig.trigger.fire = fire_and_let_press  # type: ignore[method-assign]
     elif point == "part":  # the picture is written, not renamed
 
         def dying_replace(self: Path, target: Any) -> Any:
@@ -118,10 +148,15 @@ def child(arguments: list[str], out: Path, err: Path, most_bytes: int | None) ->
 def main(arguments: list[str]) -> int:
     rig_path, plan_path, folder, *death = arguments
     rig = open_rig(rig_path)
-    if death:
+    timer: threading.Timer | None = None
+    if death[:1] == ["milliseconds"]:
+        timer = threading.Timer(1e-3 * int(death[1]), die)
+    elif death:
         arm(death[0], int(death[1]), rig)
 
     def progress(state: Any) -> None:
+        if timer is not None and not timer.ident:
+            timer.start()
         print(state.done, flush=True)
 
     try:

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -22,13 +21,13 @@ from cldit.prepare.medium import prepare
 from cldit.prepare.stages import Stages
 from cldit.spray.result import Parcels, Spray
 from cldit.transport.trace import settings_for, trace
+from tests.patience import HANG_s, until
 
 COUNT, CELL = 9, 2.5e-3
 PHASES = ("isotropic", "mie")
 # Of 30 runs, the last 27 add 16 MB each where each opens the device anew. What the allocator moves
 # up and down was 2 MB; a tenth of what a single run in three would leave is allowed.
 GROWTH_MB = 14.0
-PATIENCE_S = 20.0  # a child that hangs does so for ever; one that answers takes a tenth of a second
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 
 
@@ -131,7 +130,7 @@ def test_memory_is_flat_from_the_third_run_on(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=HANG_s,
     )
     resident = np.array([float(line) for line in done.stdout.split()])
     assert len(resident) == 28
@@ -157,7 +156,7 @@ def test_a_fork_is_told_to_spawn(use: str, device: Device) -> None:
     _PARENTS[:] = [device]
     _ = device.queue
     with multiprocessing.get_context("fork").Pool(1) as pool:
-        said = pool.map_async(_said, [use]).get(timeout=PATIENCE_S)[0]
+        said = pool.map_async(_said, [use]).get(timeout=HANG_s)[0]
     assert "multiprocessing.get_context('spawn').Pool()" in said
 
 
@@ -170,15 +169,12 @@ def test_a_fork_ends_without_its_parents_threads(device: Device) -> None:
     if child == 0:
         device.close()
         os._exit(0)
-    end = time.monotonic() + PATIENCE_S
-    done = 0
-    while not done and time.monotonic() < end:
-        done = os.waitpid(child, os.WNOHANG)[0]
-        time.sleep(0.01)
-    if not done:
+    try:
+        until(lambda: os.waitpid(child, os.WNOHANG)[0] == child)
+    except AssertionError:
         os.kill(child, 9)
         os.waitpid(child, 0)
-    assert done == child
+        raise
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from cldit.testing.replies import Fault
 from tests.emulators.gige_camera import GigePeer
 from tests.emulators.rig import PeerRig
 from tests.journals import read_journal
+from tests.patience import HANG_s
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
@@ -36,8 +37,8 @@ PLAN = Plan.model_validate(
         "backgrounds_K": [440.0],
         "shots": 2,
         "references": 1,
-        "frame_timeout_s": 0.5,
-        "stability": {"tolerance_K": 0.5, "hold_s": 0.1, "settle_s": 0.0, "timeout_s": 20.0},
+        "frame_timeout_s": 60.0,
+        "stability": {"tolerance_K": 0.5, "hold_s": 0.1, "settle_s": 0.0, "timeout_s": HANG_s},
     }
 )
 
@@ -59,7 +60,7 @@ def lossy(peers: PeerRig, *, last: int | None) -> dict[str, Any]:
     generator.__exit__()  # switched off, and on again with that ear
     generator.__enter__()
     data = peers.rig_data()
-    data["trigger"]["settings"]["answer_s"] = 0.3
+    data["trigger"]["settings"]["answer_s"] = 1.0
     return data
 
 
@@ -112,7 +113,7 @@ def test_black_body_loses_its_answers_for_a_while(tmp_path: Path) -> None:
     """Longer than the driver asks again: the run ends, and the set point is the safe one."""
     with PeerRig(camera=GigePeer((64, 48))) as peers:
         data = peers.rig_data()
-        data["background"]["settings"]["answer_s"] = 0.1
+        data["background"]["settings"]["answer_s"] = 1.0
 
         def hot(progress: Any) -> None:
             replies = peers.blackbody.replies

@@ -27,9 +27,10 @@ from cldit.rig.errors import InUse, NotSafe
 from cldit.testing.bed import opened
 from tests.beds import in_tiers, make_of
 from tests.emulators.blackbody import ModbusPeer
+from tests.patience import HANG_s
 
 HOLDS = """
-import sys, time
+import sys
 from pathlib import Path
 from cldit.io.plain_data import parse_yaml
 from cldit.rig.clock import SystemClock
@@ -38,7 +39,7 @@ driver, settings = sys.argv[1], parse_yaml(sys.argv[2], source="settings")
 device = load_driver(driver)(settings, RigContext(SystemClock(), None, Path(), 1))
 device.connect()
 print("has it", flush=True)
-time.sleep(120)
+sys.stdin.read()
 """
 
 
@@ -49,14 +50,17 @@ def in_another_process(device: Any, driver: str) -> Iterator[subprocess.Popen[st
         driver = "line_blackbody"
     settings = yaml.safe_dump(device._settings.model_dump(mode="json", exclude_none=True))
     process = subprocess.Popen(
-        [sys.executable, "-c", HOLDS, driver, settings], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", HOLDS, driver, settings],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     try:
         assert process.stdout is not None and process.stdout.readline() == "has it\n"
         yield process
     finally:
         process.kill()
-        process.communicate(timeout=30)
+        process.communicate(timeout=HANG_s)
 
 
 @pytest.mark.parametrize(("driver", "variant"), in_tiers())

@@ -70,7 +70,7 @@ def _installed_with(names: frozenset[str]) -> set[str]:
         found.add((name, extra))
         try:
             required = distribution(name).requires or ()
-        except PackageNotFoundError:  # an extra that the tests do without, such as Aravis
+        except PackageNotFoundError:  # an extra that the tests do without
             continue
         for text in required:
             needed = Requirement(text)

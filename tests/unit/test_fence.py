@@ -32,7 +32,7 @@ BUDGETS: dict[str, int] = {
     "cli": 3000,
     "comparison": 2750,
     "dit": 7000,
-    "drivers": 4250,
+    "drivers": 4000,
     "gpu": 1250,
     "io": 2000,
     "kernels": 6250,

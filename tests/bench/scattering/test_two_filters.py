@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cldit.arrays import Image
 from cldit.camera.curve import Curve
-from cldit.dit.maps import Image, Maps
+from cldit.dit.maps import Maps
 from tests.bench.scattering.two_filters import Band, absorbed, one_filter, own_share, two_filters
 
 INDEX = ((3.4, 1.338, 0.0341, (3.3, 3.5)), (3.55, 1.405, 0.0136, (3.5, 3.6)))

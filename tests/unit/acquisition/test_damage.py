@@ -23,12 +23,6 @@ from tests.wrapped import pulses
 LINES = 12  # of the journal, from where on it is spoiled: five images are saved by then
 
 
-@pytest.fixture
-def folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Path:
-    acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    return tmp_path / "a"
-
-
 def spoil(folder: Path, change: Callable[[dict[str, Any]], Any] | bytes) -> None:
     """Changes the first `saved` entry after LINES, or puts bytes in the place of that line."""
     path = folder / "journal.jsonl"
@@ -64,12 +58,15 @@ def test_a_damaged_journal(folder: Path, tiny_rig: dict[str, Any], tiny_plan: Pl
     for change, message in DAMAGES:
         journal.write_bytes(sound)
         spoil(folder, change)
-        found = evaluate_folder(folder)
-        assert np.array_equal(found.maps.emissivity, whole.emissivity, equal_nan=True)
-        assert message in found.remarks[0] and "journal.jsonl: line" in found.remarks[0]
+        opened = open_acquisition(folder)
+        assert len(opened.shots) == len(tiny_plan.steps())
+        assert message in opened.damage[0] and "journal.jsonl: line" in opened.damage[0]
         with pytest.raises(RunFolderError, match=r"journal\.jsonl: line \d+ "):
             acquire(open_rig(tiny_rig), tiny_plan, folder)
         assert len(pulses(tiny_rig)) == fired
+    evaluation = evaluate_folder(folder)
+    assert np.array_equal(evaluation.maps.emissivity, whole.emissivity, equal_nan=True)
+    assert message in evaluation.remarks[0]
 
 
 def test_damaged_and_missing_pictures_are_left_out(folder: Path) -> None:

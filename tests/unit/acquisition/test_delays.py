@@ -12,18 +12,17 @@ import tifffile
 from click.testing import CliRunner
 
 from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan, plan_from_scene
-from cldit.acquisition.dry_runs import dry_run
 from cldit.acquisition.export import export
 from cldit.acquisition.plan import Group
-from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
+from cldit.api.folder_evaluation import evaluate_folder, evaluate_groups
 from cldit.cli import main
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, EvaluationError, SceneError
 from cldit.io.images import read_image
-from cldit.rig.errors import ConfigRejected, OutOfLimits
 from cldit.rig.load import open_rig
 from cldit.scene import Scene, parse_scene
 from cldit.scene.delays import scene_at
+from tests.wrapped import refusals
 
 DELAYS_s = (0.5e-3, 0.95e-3, 1.5e-3)
 FOLDERS = ("delay_0.5ms", "delay_0.95ms", "delay_1.5ms")
@@ -83,6 +82,7 @@ def test_three_delays_take_hardly_longer_than_one(
 ) -> None:
     """The rig's own time, waits for the black body included, with a scene's usual shots."""
     plan = plan_of_three.model_copy(update={"shots": 5, "references": 5})
+    plan = plan.model_copy(update={"backgrounds_K": plan.backgrounds_K[:2]})
     one = _took_s(rig_of_three, plan.model_copy(update={"delays_s": DELAYS_s[:1]}), tmp_path / "1")
     three = _took_s(rig_of_three, plan, tmp_path / "3")
     assert plan_from_scene(tiny_scene).pause_s == 1.0
@@ -118,10 +118,11 @@ def test_maps_table_and_exports_by_delay(
         assert len(tiff.series) == 3 * 3 * 2 and "440 K injection at 1.5 ms" in str(
             tiff.ome_metadata
         )
-    with pytest.raises(EvaluationError, match="contains 3 delays; give `delay`"):
+    allowed = r"allowed: one of Group\(filter=0, delay=0\): 0.5 ms; "
+    with pytest.raises(EvaluationError, match=f"group None; {allowed}"):
         evaluate_folder(folder)
-    with pytest.raises(EvaluationError, match=r"delay 3; allowed: 0\.\.2"):
-        evaluate_folder(folder, delay=3)
+    with pytest.raises(EvaluationError, match=rf"group Group\(filter=0, delay=3\); {allowed}"):
+        evaluate_folder(folder, group=Group(delay=3))
 
 
 @pytest.mark.slow
@@ -133,23 +134,13 @@ def test_one_bad_delay_keeps_none_of_the_others(
     acquire(open_rig(rig_of_three), plan_of_three, folder)
     for path in (folder / "shots").glob("b*_d01_inj_*.tif"):
         path.unlink()
-    found = evaluate_delays(folder)
-    assert [one.evaluation is not None for one in found] == [True, False, True]
-    assert found[1].problem
+    groups = evaluate_groups(open_acquisition(folder))
+    assert [group.evaluation is not None for group in groups] == [True, False, True]
+    assert groups[1].problem
     result = CliRunner().invoke(main, ["evaluate", str(folder)])
     assert result.exit_code == 1 and "at 0.95 ms:" in result.output
     assert len((folder / "maps" / "delays.csv").read_text().splitlines()) == 3
     assert read_image(folder / "maps" / FOLDERS[2] / "emissivity.tif")[0].shape == (12, 16)
-
-
-def _refusals(
-    rig: dict[str, Any], plan: Plan, folder: Path, kind: type[ClditError]
-) -> tuple[str, str]:
-    """What the dry run and the acquisition say."""
-    problems = dry_run(open_rig(rig), plan, folder).problems
-    with pytest.raises(kind) as caught:
-        acquire(open_rig(rig), plan, folder)
-    return "\n".join(problems), str(caught.value)
 
 
 def test_a_scene_of_one_time_says_so(
@@ -159,11 +150,12 @@ def test_a_scene_of_one_time_says_so(
     tmp_path: Path,
 ) -> None:
     del rig_of_three["bench"]["settings"]["runs"]
-    dry, run = _refusals(rig_of_three, plan_of_three, tmp_path / "a", ConfigRejected)
-    assert dry == run
-    assert "its spray at 0.5 ms only, not at 0.95 ms, 1.5 ms" in run
-    dry, run = _refusals(tiny_rig, plan_of_three, tmp_path / "b", ConfigRejected)
-    assert dry == run and "its spray at one time only" in run
+    for data, message in (
+        (rig_of_three, "its spray at 0.5 ms only, not at 0.95 ms, 1.5 ms"),
+        (tiny_rig, "its spray at one time only"),
+    ):
+        dry, wet = refusals(open_rig(data), plan_of_three, tmp_path / "a")
+        assert dry == wet and message in "\n".join(dry)
 
 
 def test_every_delay_is_checked(
@@ -172,10 +164,8 @@ def test_every_delay_is_checked(
     """A shot at the middle delay alone would count as missing."""
     plan = plan_of_three.model_copy(update={"delays_s": (0.5e-3, 0.9, 1.5e-3), "shots": 0})
     plan = plan.model_copy(update={"frame_timeout_s": 0.5})
-    dry = "\n".join(dry_run(open_rig(rig_of_three), plan, tmp_path / "a").problems)
-    assert "frame_timeout_s: 0.5 is shorter than a shot, 0.9001" in dry
-    with pytest.raises(OutOfLimits, match=r"shorter than a shot, 0\.9001"):
-        acquire(open_rig(rig_of_three), plan, tmp_path / "a")
+    dry, wet = refusals(open_rig(rig_of_three), plan, tmp_path / "a")
+    assert dry == wet and "frame_timeout_s: 0.5 is shorter than a shot, 0.9001" in dry[0]
 
 
 def test_runs_of_another_scene_are_refused(

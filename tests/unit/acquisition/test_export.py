@@ -83,7 +83,7 @@ def test_nexus(recorded: Acquisition) -> None:
 
 
 def test_export_says_what_is_wrong(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+    folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:
     """A damaged image leaves no file; and what is missing is said."""
     acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "none", should_stop=lambda: True)
@@ -91,8 +91,7 @@ def test_export_says_what_is_wrong(
         export(open_acquisition(tmp_path / "none"), "ome-tiff")
     with pytest.raises(ExportError, match="allowed: ome-tiff, nexus"):
         export(open_acquisition(tmp_path / "none"), "png")
-    acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    acquisition = open_acquisition(tmp_path / "a")
+    acquisition = open_acquisition(folder)
     for shot in acquisition.shots[-1:]:
         data = bytearray(shot.path.read_bytes())
         data[-20] ^= 1
@@ -102,7 +101,7 @@ def test_export_says_what_is_wrong(
             export(acquisition, form, tmp_path / "out")
     assert not list(tmp_path.glob("out*"))
     acquisition.shots[-1].path.unlink()
-    arguments = ["export", str(tmp_path / "a"), "--to", "ome-tiff", "--out", str(tmp_path / "x")]
+    arguments = ["export", str(folder), "--to", "ome-tiff", "--out", str(tmp_path / "x")]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0 and "1 shots are still missing" in result.output
     assert (tmp_path / "x").is_file()

@@ -17,7 +17,7 @@ from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan
 from cldit.acquisition.dry_runs import dry_run
 from cldit.acquisition.export import export
 from cldit.acquisition.plan import Group
-from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
+from cldit.api.folder_evaluation import evaluate_folder, evaluate_groups
 from cldit.cli import main
 from cldit.comparison.shown import open_shown
 from cldit.dit.maps import Maps
@@ -151,11 +151,9 @@ def test_each_filter_is_recorded_and_evaluated_apart(wheel: Mission) -> None:
         _ = opened.calibration
     with pytest.raises(RunFolderError, match=r"contains 2 filter\(s\) at 1 delay\(s\); allowed: "):
         open_shown(wheel.folder)
-    with pytest.raises(EvaluationError, match=r"2 filters \(fuel, droplets\); give `filter_name`"):
+    with pytest.raises(EvaluationError, match=r"group None; allowed: .*: fuel; .*: droplets; "):
         evaluate_folder(wheel.folder)
-    with pytest.raises(EvaluationError, match="filter_name red; allowed: fuel, droplets"):
-        evaluate_folder(wheel.folder, filter_name="red")
-    assert [item.filter_name for item in evaluate_delays(wheel.folder)] == list(FILTERS)
+    assert [group.filter_name for group in evaluate_groups(opened)] == list(FILTERS)
     for name, (_, depth) in FILTERS.items():
         place = wheel.folder / "maps" / name
         maps = Maps.load(place)
@@ -188,7 +186,7 @@ def test_one_filter_is_a_plain_folder(wheel: Mission) -> None:
     plan = wheel.plan.model_copy(update={"filters": ("droplets",)})
     assert wheel.acquire(plan=plan).complete
     assert saved(wheel.folder)[0]["shot"] == "b00_ref_00"  # one filter, one delay: plain ids
-    (only,) = evaluate_delays(wheel.folder)
+    (only,) = evaluate_groups(open_acquisition(wheel.folder))
     assert only.filter_name == "droplets" and only.folder == wheel.folder / "maps"
     assert only.evaluation is not None and only.evaluation.calibration.filter_um == (3.8, 4.0)
 

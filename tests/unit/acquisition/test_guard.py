@@ -17,26 +17,16 @@ from cldit.acquisition.journal import Journal
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.load import Rig, open_rig
 from tests.journals import read_journal
-from tests.wrapped import Mission
+from tests.wrapped import Mission, wrapped
 
 
-class Stuck:
-    """A device whose line is dead when it is to be made safe."""
-
-    def __init__(self, inner: Any, *, simulated: bool = True) -> None:
-        self.inner = inner
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.inner, name)
-
-    def make_safe(self) -> None:
-        raise NotConnected("the line is dead")
+def dead() -> None:
+    raise NotConnected("the line is dead")
 
 
 def stuck(data: dict[str, Any]) -> Rig:
-    rig = open_rig(data)
-    background: Any = Stuck(rig.background)
-    return Rig(rig.camera, background, rig.trigger, rig.clock, rig.file)
+    """A rig whose black body is not reached when it is to be made safe."""
+    return wrapped(data, background=lambda _: {"make_safe": dead})
 
 
 def told(data: dict[str, Any], end: bytes) -> io.BytesIO:
@@ -144,24 +134,14 @@ def test_a_process_that_is_ended_says_it_too(
     assert "THE RIG IS NOT SAFE" in capsys.readouterr().err
 
 
-class NotSimulated:
-    """A rig of which the guard must believe that it is real."""
-
-    def __init__(self, inner: Any) -> None:
-        self.inner = inner
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.inner, name)
-
-    def identify(self) -> Any:
-        return replace(self.inner.identify(), simulated=False)
-
-
 def test_the_guards_process_takes_over(tiny_rig: dict[str, Any], begun: Path) -> None:
     """The rig's own attempt fails, that of the other process does not; both are said."""
-    rig = stuck(tiny_rig)
-    camera: Any = NotSimulated(rig.camera)
-    with Guard(Rig(camera, rig.background, rig.trigger, rig.clock, rig.file), begun) as guard:
+    rig = wrapped(
+        tiny_rig,
+        background=lambda _: {"make_safe": dead},
+        camera=lambda camera: {"identify": lambda: replace(camera.identify(), simulated=False)},
+    )
+    with Guard(rig, begun) as guard:
         problems = guard.make_safe()
     assert "the black body may still be hot" in problems[0]
     assert problems[1] == "the guard then made every device safe, in a process of its own"

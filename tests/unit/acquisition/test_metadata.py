@@ -21,7 +21,7 @@ from cldit.acquisition.pictures.tiff import Tiff, exif_metadata
 from cldit.cli import main
 from cldit.errors import EvaluationError
 from tests.laboratory import Laboratory, laboratory
-from tests.measured_files import write_measured
+from tests.measured_files import read_all, write_measured
 
 DATE = "2026-01-31T12:00:00"
 PICTURES = np.arange(3 * 4 * 5, dtype=np.uint16).reshape(3, 4, 5)
@@ -73,8 +73,9 @@ def test_a_telops_film(tmp_path: Path) -> None:
         {"FrameID": n, "ExposureTime": 25.0, "POSIXTime": 1_769_860_800 + n, "SubSecondTime": 5 * n}
         for n in range(3)
     ]
-    pictures = np.zeros((3, 4, 64), np.uint16)
+    pictures = np.arange(3 * 4 * 64, dtype=np.uint16).reshape(3, 4, 64)
     fasthcc.write_hcc(tmp_path / "a.hcc", pictures, metadata=headers, calibration_mode=0)
+    np.testing.assert_array_equal(read_all(Source(tmp_path / "a.hcc")), pictures)
     with closing(Hcc(Source(tmp_path / "a.hcc"))) as opened:
         told = opened.metadata
     assert told[0].time_s == 1_769_860_800.0

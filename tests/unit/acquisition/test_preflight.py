@@ -9,28 +9,15 @@ from typing import Any
 
 import pytest
 
-from cldit.acquisition import Plan, acquire, dry_run
+from cldit.acquisition import acquire, dry_run
 from cldit.acquisition.plan import TriggerSection
-from cldit.errors import ClditError, DiskFull
+from cldit.errors import DiskFull
 from cldit.io.exclusive import exclusive
 from cldit.rig.errors import OutOfLimits
-from cldit.rig.load import Rig
-from tests.wrapped import Mission, pulses
+from tests.wrapped import Mission, pulses, refusals
 
 Spoil = Callable[[dict[str, Any]], Any]
 Wrap = dict[str, Callable[[Any], dict[str, Any]]]
-
-
-def refusals(rig: Rig, plan: Plan, folder: Path) -> tuple[list[str], list[str]]:
-    """Lines that the dry run and the acquisition give, each from a rig of its own."""
-    lines: list[list[str]] = []
-    for ask in (dry_run, acquire):
-        try:
-            found = ask(rig, plan, folder)
-            lines.append(list(getattr(found, "problems", ())))
-        except ClditError as error:
-            lines.append(str(error).splitlines())
-    return lines[0], lines[1]
 
 
 @pytest.mark.parametrize(
@@ -52,9 +39,12 @@ def refusals(rig: Rig, plan: Plan, folder: Path) -> tuple[list[str], list[str]]:
 )
 def test_plans(plan: dict[str, Any], message: str, mission: Mission) -> None:
     bad = mission.plan.model_copy(update=plan)
-    dry, wet = refusals(mission.rig(), bad, mission.folder)
+    moved: list[float] = []
+    rig = mission.rig(background=lambda _: {"set_setpoint": moved.append})
+    dry, wet = refusals(rig, bad, mission.folder)
     assert dry == wet and any(message in line for line in dry), dry
-    assert not pulses(mission.data) and not (mission.folder / "plan.yaml").exists()
+    assert not moved and not pulses(mission.data)
+    assert not (mission.folder / "plan.yaml").exists()  # the corrected plan may go here
 
 
 def test_all_that_is_impossible_is_told_together(mission: Mission) -> None:
@@ -76,6 +66,10 @@ def test_all_that_is_impossible_is_told_together(mission: Mission) -> None:
             "clock.model: simulated, but camera is real",
         ),
         ({"camera": lambda c: {"read_configuration": dict}}, "has no 'calibration'"),
+        (
+            {"camera": lambda c: {"read_configuration": lambda: {"x": float("nan")}}},
+            "cannot be stored",
+        ),
         ({"trigger": lambda t: {"configure": lambda b: replace(b, n=2)}}, "trigger: reads back"),
         (
             {"trigger": lambda t: {"configure": lambda b: replace(b, camera_delay_s=1.0)}},
@@ -89,6 +83,7 @@ def test_instruments(devices: Wrap, message: str, mission: Mission) -> None:
     # The acquisition's burst injects and the dry run's does not; all else is the same.
     assert [line.replace("inject=True", "inject=False") for line in wet] == dry
     assert any(message in line for line in dry), dry
+    assert not pulses(mission.data) or "frames" in message
 
 
 def _file(folder: Path) -> None:
@@ -137,8 +132,11 @@ def test_a_disk_that_is_too_small(mission: Mission, monkeypatch: pytest.MonkeyPa
         mission.acquire(mission.rig())
 
 
-def test_another_rig_than_before(mission: Mission) -> None:
+def test_another_plan_or_rig_than_before(mission: Mission) -> None:
     mission.acquire(mission.rig(), should_stop=lambda: True)
+    other = mission.plan.model_copy(update={"shots": 4})
+    dry, wet = refusals(mission.rig(), other, mission.folder)
+    assert dry == wet and any("holds another plan" in line for line in dry)
     mission.data["setup"]["wall_temperature_K"] = 300.0
     dry, wet = refusals(mission.rig(), mission.plan, mission.folder)
     assert dry == wet and any("wall_temperature_K: 420.0 before" in line for line in dry)

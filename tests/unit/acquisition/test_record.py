@@ -19,12 +19,6 @@ from cldit.io.images import read_image, write_image
 from cldit.rig.load import open_rig
 
 
-@pytest.fixture
-def folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Path:
-    acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    return tmp_path / "a"
-
-
 def test_each_frame_of_a_shot_can_be_evaluated(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:

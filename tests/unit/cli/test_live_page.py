@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +20,7 @@ from cldit.cli import live
 from cldit.cli.live import PAGE, PageWriter, write_pages
 from cldit.errors import DiskFull
 from cldit.rig.load import open_rig
-
-_PATIENCE_s = 60.0  # on a busy machine; nothing waits so long where all is well
-
-
-def wait_for(what: Any) -> None:
-    end = time.monotonic() + _PATIENCE_s
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.02)
+from tests.patience import HANG_s, until
 
 
 def page_of(folder: Path, *, over: bool = True) -> str:
@@ -42,10 +33,10 @@ def page_of(folder: Path, *, over: bool = True) -> str:
         thread = threading.Thread(target=write_pages, args=(folder, ended))
         (folder / PAGE).unlink(missing_ok=True)
         thread.start()
-        wait_for((folder / PAGE).exists)
+        until((folder / PAGE).exists)
         text = (folder / PAGE).read_text(encoding="utf-8")
         ended.set()
-        thread.join(_PATIENCE_s)
+        thread.join(HANG_s)
         return text
     return (folder / PAGE).read_text(encoding="utf-8")
 
@@ -137,13 +128,13 @@ def test_what_cannot_be_read_or_written_is_told_and_harms_nothing(
     ended = threading.Event()
     thread = threading.Thread(target=write_pages, args=(folder, ended))
     thread.start()
-    wait_for(lambda: len(refused) > 1)
+    until(lambda: len(refused) > 1)
     assert not (folder / PAGE).exists()
     full.clear()
-    wait_for((folder / PAGE).exists)
+    until((folder / PAGE).exists)
     assert "no room for &lt;all&gt;" in (folder / PAGE).read_text(encoding="utf-8")
     ended.set()
-    thread.join(_PATIENCE_s)
+    thread.join(HANG_s)
     assert not list(folder.glob("*.part"))
     # Room for seven shots to come is kept, whatever the page takes.
     assert min(refused) > 7 * (folder / "shots" / "b00_ref_00.tif").stat().st_size
@@ -186,11 +177,11 @@ def test_the_writer_ends_with_a_killed_recording(
         assert holder.stdout is not None
         assert "live.html" in holder.stdout.readline()
         pid = int(holder.stdout.readline())
-        wait_for((folder / PAGE).exists)
+        until((folder / PAGE).exists)
         assert "preparing" in (folder / PAGE).read_text(encoding="utf-8")
         holder.kill()
-    wait_for(lambda: "broken off" in (folder / PAGE).read_text(encoding="utf-8"))
-    wait_for(lambda: not _runs(pid))
+    until(lambda: "broken off" in (folder / PAGE).read_text(encoding="utf-8"))
+    until(lambda: not _runs(pid))
 
 
 def _runs(pid: int) -> bool:

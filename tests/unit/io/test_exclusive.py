@@ -15,6 +15,7 @@ from cldit.errors import RunFolderError
 from cldit.io import files
 from cldit.io.exclusive import exclusive, is_empty
 from cldit.io.images import read_image, write_image
+from tests.patience import HANG_s
 
 HOLD = """
 import sys
@@ -47,7 +48,7 @@ def test_a_second_writer_is_refused_until_the_first_dies(tmp_path: Path) -> None
     assert refused(folder) and refused(folder, nested=True)
     assert is_empty(folder)  # but for the lock
     process.kill()
-    process.communicate(timeout=30)
+    process.communicate(timeout=HANG_s)
     with exclusive(folder, "run"):
         assert refused(folder) and not refused(folder, nested=True)
         seen: list[bool] = []

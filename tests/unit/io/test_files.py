@@ -26,6 +26,7 @@ from cldit.io.images import read_image, write_image
 from cldit.io.tables import cached
 from cldit.io.text_tables import read_table_text
 from tests.full_disk import full_disk
+from tests.patience import HANG_s
 
 
 def test_what_was_there_stays_until_the_end(tmp_path: Path) -> None:
@@ -56,7 +57,7 @@ def test_two_that_write_the_same_file_do_not_meet(tmp_path: Path) -> None:
     def write(text: str) -> None:
         with whole(path) as part:
             part.write_text(text, encoding="utf-8")
-            both.wait(10)
+            both.wait(HANG_s)
             assert part.read_text(encoding="utf-8") == text
 
     with ThreadPoolExecutor(2) as pool:

@@ -16,11 +16,10 @@ from cldit.rig.stability import wait_stable
 CLOCKS: list[Clock] = [SimulatedClock(), SystemClock()]  # the Protocol, checked by mypy
 
 
-def test_simulated_time_is_free_and_exact() -> None:
+def test_simulated_time_is_free_and_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "sleep", lambda seconds: pytest.fail(f"waits {seconds:g} s"))
     clock = SimulatedClock()
-    real = time.monotonic()
     assert clock.sleep(7200.0) and clock.now_s() == 7200.0
-    assert time.monotonic() - real < 1.0
     assert clock.wall_time() == "2000-01-01T02:00:00.000000+00:00"
     clock.sleep(-5.0)
     assert clock.now_s() == 7200.0
@@ -51,9 +50,8 @@ def test_a_sleep_can_be_stopped(clock: Clock) -> None:
         asked += 1
         return asked > 2
 
-    start = clock.now_s()
-    assert not clock.sleep(60.0, stop)
-    assert clock.now_s() - start < 30.0
+    assert not clock.sleep(600.0, stop)
+    assert asked == 3
     assert clock.sleep(0.0, lambda: False)
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from cldit.rig import locks
 from cldit.rig.errors import InUse
+from tests.patience import HANG_s
 
 # Each line asks for the instrument in a new process: with other variables, as another user.
 ASKS = """
@@ -50,7 +51,7 @@ def address() -> Iterator[str]:
 def answers(lines: list[str]) -> list[str]:
     ran = subprocess.run(
         [sys.executable, "-c", ASKS], input="\n".join(lines), text=True, capture_output=True,
-        timeout=60, check=True,
+        timeout=HANG_s, check=True,
     )  # fmt: skip
     return ran.stdout.splitlines()
 
