@@ -19,6 +19,9 @@ from cldit.arrays import Floats, Mask
 Image = NDArray[np.float32]
 TOTAL = "total"
 _NEARBY = 0.03  # of the image's edge: of each square whose means make the local RMS
+# Running sums along 1e4 pixels round to 1e-12 of the largest square; their ratio at this weight is
+# good to 1e-6 of it.
+_ROUNDING = 1e-6
 
 
 def error_maps(
@@ -57,14 +60,22 @@ def error_maps(
 
 
 def _nearby(difference: Floats, counted: Mask) -> Floats | None:
-    """Local RMS of a map; None if nothing of it is known."""
+    """Local RMS of a map; None if nothing of it is known. A pixel with no known pixel around it has
+    the difference of the nearest known one."""
     known = np.isfinite(difference) & counted
     if not known.any():
         return None
     width = max(3, round(_NEARBY * max(counted.shape)))
-    weight, square = known.astype(float), np.where(known, np.nan_to_num(difference) ** 2, 0.0)
+    exact = np.where(known, np.nan_to_num(difference) ** 2, 0.0)
+    weight, square = known.astype(float), exact
     for _ in range(3):  # three means in squares weigh nearly as a round Gaussian
         weight, square = (scipy.ndimage.uniform_filter(x, width) for x in (weight, square))
-    mean = float(np.mean(difference[known] ** 2))
-    local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
+    local = np.divide(square, weight, out=np.zeros(square.shape), where=weight > _ROUNDING)
+    alone = weight <= _ROUNDING
+    if alone.any():
+        nearest = scipy.ndimage.distance_transform_edt(
+            ~known, return_distances=False, return_indices=True
+        )
+        row, column = nearest[:, alone]
+        local[alone] = exact[row, column]
     return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0
