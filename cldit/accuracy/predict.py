@@ -17,7 +17,7 @@ from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
-from cldit.accuracy.richardson import error_at, predicted_error, worst
+from cldit.accuracy.richardson import RichardsonEstimate, error_at, predicted_error, worst
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import spectral_K
@@ -163,6 +163,7 @@ def fixed_estimates(
 _FINEST = 12  # 4096 cells along an edge
 _SAFE = 0.92  # of the tolerance, which predicted errors aim at
 _ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
+_MOST = 1.3  # how much larger: cells twice those of `depth` are 1.5 of them, and tell their error
 _CLOSE = 1.1  # of the tolerance: a coarse trace of the image's own cells costs as much as that
 _ACROSS = 32  # cells across the image, of the coarsest trace
 _ALL_HALVINGS = (
@@ -193,6 +194,19 @@ def coarse_depths(tracer: VariantTracer) -> range:
     return range(min(depth, _FINEST - 3), _FINEST - 2)
 
 
+def _times(estimate: RichardsonEstimate, error_K: float) -> float:
+    """Edge of the cells with an error, over that of the cells with an estimate.
+
+    Coarse cells overestimate the order: it is limited for the prediction of finer ones.
+    """
+    if not estimate.error_K:
+        return math.inf
+    ratio = error_K / estimate.error_K
+    if ratio < 1.0:
+        return float(ratio ** (1.0 / min(estimate.order, _ORDER)))
+    return float(max((error_K / estimate.most_K) ** (1.0 / estimate.order), 1.0))
+
+
 def choose_cells(
     tracer: VariantTracer, allowed_K: Callable[[ImagePair], float], say: Callable[[str], None]
 ) -> Cells | None:
@@ -200,7 +214,8 @@ def choose_cells(
 
     `allowed_K` is the error that the cells may have, by an image of theirs. The search ends
     when the error that is predicted for the next finer cells is small enough, so that these are
-    traced once, for the image of the run.
+    traced once, for the image of the run. Cells that were traced for the order alone, and have a
+    smaller error than is needed, leave the image to larger ones.
 
     Raises:
         SprayError: the cone suits none of the coarse lattices.
@@ -234,14 +249,17 @@ def choose_cells(
         if both is None:
             return None
         found, tolerance_K = worst(both), allowed_K(tracer.level(depth))
-        error_K, bounds_K = found.error_K, [one.bound_K or 0.0 for one in both]
-        if max(bounds_K) > _CLOSE * tolerance_K and depth < _FINEST:
+        error_K = found.error_K
+        if max(one.bound_K or 0.0 for one in both) > _CLOSE * tolerance_K and depth < _FINEST:
             depth += 1  # outside the asymptotic range: finer cells tell the order
             continue
-        # Coarse cells overestimate the order: it is limited for the prediction of the next.
-        less = (_SAFE * tolerance_K / error_K) ** (1.0 / min(found.order, _ORDER))
+        larger = [one.at(2.0) for one in both]
+        if max(one.most_K for one in larger) <= tolerance_K:  # such cells were traced
+            return Cells(depth - 1, worst(larger).error_K)
+        less = min(_times(one, _SAFE * tolerance_K) for one in both)
         if tracer.prepared.on_lattice and less >= _LEAST:
-            return Cells(depth, _SAFE * tolerance_K, less=min(less, 1.0))
+            less = min(less, _MOST)
+            return Cells(depth, max(one.at(less).error_K for one in both), less=less)
         if error_K <= tolerance_K:
             return Cells(depth, error_K)
         if depth == _FINEST:

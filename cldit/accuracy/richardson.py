@@ -11,7 +11,7 @@ asymptotic range, and is beyond an order of 2.5, which chance in the differences
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -28,10 +28,10 @@ _OUTSIDE = 2.5  # observed order from which the coarsest grid is outside the asy
 
 @dataclass(frozen=True)
 class RichardsonEstimate:
-    """Error of the finest of three images.
+    """Error of one of three images, the finest if nothing else is said.
 
     order: of convergence. difference: the error, with its map. sizes: of the three images' cells
-    over that of the finest. bound_K: outside the asymptotic range, the larger error by first order
+    over those of the one. bound_K: outside the asymptotic range, the larger error by first order
     from either difference; else None. shown: true if the order is observed between the limits.
     """
 
@@ -72,10 +72,21 @@ class RichardsonEstimate:
         found = last.times(1.0 / (once**order - 1.0))
         return cls(order, found, (1.0, once, twice), bound_K, shown)
 
+    def at(self, size: float) -> RichardsonEstimate:
+        """The error on another of the three grids, `size` times as coarse as the finest."""
+        factor = size**self.order
+        bound_K = None if self.bound_K is None else factor * self.bound_K
+        return replace(self, difference=self.difference.times(factor), bound_K=bound_K)
+
     @property
     def error_K(self) -> float:
         """The error; 0 where no pixel shows it."""
         return self.difference.error_K or 0.0
+
+    @property
+    def most_K(self) -> float:
+        """The larger one of error and bound."""
+        return max(self.error_K, self.bound_K or 0.0)
 
 
 def worst(estimates: Sequence[RichardsonEstimate]) -> RichardsonEstimate:
@@ -106,13 +117,16 @@ def error_at(tracer: VariantTracer, depth: int) -> list[RichardsonEstimate] | No
     be estimated."""
     if depth < 2:
         return None
-    fine = tracer.level(depth)
+    tracer.level(depth)
     try:
-        (once, coarser), (twice, coarsest) = tracer.coarser(depth)
+        sizes, images = zip(*tracer.grids(depth), strict=True)
     except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
         return None
-    found = richardson(tracer, (fine, coarser, coarsest), once=once, twice=twice)
-    return None if found[0].difference.error_K is None else found
+    finest, once, twice = sizes
+    found = richardson(tracer, images, once=once / finest, twice=twice / finest)
+    if found[0].difference.error_K is None:
+        return None
+    return [replace(one.at(1.0 / finest), sizes=sizes) for one in found]
 
 
 def predicted_error(tracer: VariantTracer, depth: int) -> tuple[float | None, bool]:

@@ -31,6 +31,9 @@ from cldit.transport.trace_cost import TraceCost
 from cldit.transport.view import View
 
 _LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
+# That of a finer one: with a ratio r the error by first order is r / (r - 1) times the difference,
+# so that a finer one at 2 has the factor of a coarser one at 1.5.
+_LEAST_FINER = 2.0
 
 
 @dataclass(frozen=True)
@@ -98,32 +101,37 @@ class VariantTracer:
         mine = self.prepared
         if not mine.on_lattice or self.key != key or mine.node != prepared.node:
             return {}
-        levels = {mine.cube.at(depth).cell_m: image for depth, image in self.levels.items()}
-        return {**self.earlier, **levels}
+        return {**self.earlier, **self._by_edge_m()}
 
-    def coarser(self, depth: int) -> tuple[tuple[float, ImagePair], tuple[float, ImagePair]]:
-        """Images on two coarser grids, about twice and four times the cell size at `depth`.
+    def _by_edge_m(self) -> dict[float, ImagePair]:
+        """Images of the medium itself by the cells' edge in m."""
+        return {self.prepared.cube.at(n).cell_m: image for n, image in self.levels.items()}
 
-        Earlier images are used where their size fits. Each comes with the ratio of its cell size,
-        the finer first. Raises MediumError without enough memory, SprayError if no cone has such a
-        lattice.
+    def grids(self, depth: int) -> list[tuple[float, ImagePair]]:
+        """Images on three grids, the finest first, with the sizes of their cells over those at
+        `depth`, which are among them.
+
+        A finer image that is there is used, with a coarser one; else the other two are about twice
+        and four times as coarse. Raises MediumError without enough memory, SprayError if no cone
+        has such a lattice.
         """
-        cell_m = self.prepared.cube.at(depth).cell_m
-        sizes_m: list[float] = []
+        image, cell_m = self.level(depth), self.prepared.cube.at(depth).cell_m
+        by_edge_m = {**self.earlier, **self._by_edge_m()}
+        known = {edge_m / cell_m: pair for edge_m, pair in by_edge_m.items()}
+        half = [size for size in known if 1 / _MOST <= size <= (1 + 1e-9) / _LEAST_FINER]
+        sizes: list[float] = []
         for _ in range(2):
-            finer_m = sizes_m[-1] if sizes_m else cell_m
-            like = [one for one in self.earlier if _LEAST <= one / finer_m <= _MOST]
-            if not like:
-                break
-            sizes_m.append(min(like))
-        if len(sizes_m) == 2:
-            first, second = ((one / cell_m, self.earlier[one]) for one in sizes_m)
-            return first, second
-        second, first = ((2.0**up, self.level(depth - up)) for up in (2, 1))
-        return first, second
+            alike = [size for size in known if _LEAST <= size / (sizes or [1.0])[-1] <= _MOST]
+            sizes += [min(alike)] if alike else []
+        if half and sizes:
+            return [(max(half), known[max(half)]), (1.0, image), (sizes[0], known[sizes[0]])]
+        if len(sizes) == 2:
+            return [(1.0, image), *((size, known[size]) for size in sizes)]
+        four, twice = ((2.0**up, self.level(depth - up)) for up in (2, 1))
+        return [(1.0, image), twice, four]
 
     def level(self, depth: int) -> ImagePair:
-        """Image of the medium itself, its cube halved `depth` times; raises as `coarser`."""
+        """Image of the medium itself, its cube halved `depth` times; raises as `grids`."""
         if depth not in self.levels:
             self.levels[depth] = self._traced(self._sources(depth), depth, self.settings)
         return self.levels[depth]
@@ -164,7 +172,7 @@ class VariantTracer:
     ) -> ImagePair:
         """Image of the medium itself with other `settings`, traced once for a name and depth.
 
-        `split` takes the place of `domain.optical_depth_split`. Raises as `coarser`.
+        `split` takes the place of `domain.optical_depth_split`. Raises as `grids`.
         """
         if (name, depth) not in self.variants:
             self.variants[name, depth] = self._alike(self._sources(depth), depth, settings, split)

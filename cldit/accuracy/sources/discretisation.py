@@ -1,7 +1,7 @@
 """Errors by wavelengths, cells and ordinates, whose numbers multiply each other's cost.
 
 The error of the wavelengths is estimated where they are chosen; that of the cells by Richardson
-extrapolation from two coarser grids; that of ordinates, iteration and final gather from the halves
+extrapolation from images on three grids; that of ordinates, iteration and final gather from the halves
 of the trace and its audit.
 """
 
@@ -103,7 +103,7 @@ class _Cells(ErrorSource):
         fixed = self.key(at.scene)
         if isinstance(at.scene.spray, GridSpray):
             return [self._by_finer(at, fixed)]
-        at.stages.tell("errors: larger cells")
+        at.stages.tell("errors: other cells")
         found = error_at(at.tracer, at.depth)
         if found is None:
             why = "too few halvings of the cube to compare" if at.depth < 2 else NO_PIXEL

@@ -63,8 +63,8 @@ class Tracer:
             raise TransportError("cells reach behind a patch")
         return float(self.cell_K / 2**depth)
 
-    def coarser(self, depth: int) -> Any:
-        return (2.0, self.level(depth - 1)), (4.0, self.level(depth - 2))
+    def grids(self, depth: int) -> Any:
+        return [(2.0**up, self.level(depth - up)) for up in (0, 1, 2)]
 
     def variant(self, _: str, make: Any, depth: int) -> float:
         self.seen.add(depth)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,6 +39,22 @@ def test_other_lattices_serve_in_the_same_light() -> None:
     assert served == {0.2 / 2**7: "coarse", 0.2 / 2**8: "fine"}
     assert not before._reusable("alike", tracer_of(node=1).prepared)
     assert not before._reusable("other ordinates", tracer_of().prepared)
+
+
+def test_grids_that_an_error_is_extrapolated_from() -> None:
+    """Half of the cells and twice their edge, if both are there; else twice and four times."""
+    tracer = tracer_of()
+    tracer.levels.update({5: "5", 6: "6"})  # type: ignore[dict-item]
+    names = {5: "5", 6: "6", 7: "coarse", 8: "fine"}
+    for depth, sizes in ((8, (1.0, 2.0, 4.0)), (7, (0.5, 1.0, 2.0))):
+        assert tracer.grids(depth) == [
+            (size, names[depth - round(np.log2(size))]) for size in sizes
+        ]
+    cell_m = 0.2 / 2**7
+    other = replace(tracer, levels={7: "own"}, earlier={0.6 * cell_m: "near", 1.6 * cell_m: "twice",
+                                                        3.2 * cell_m: "four"})  # fmt: skip
+    assert [pair for _, pair in other.grids(7)] == ["own", "twice", "four"]
+    assert [size for size, _ in other.grids(7)] == pytest.approx([1.0, 1.6, 3.2])
 
 
 @pytest.mark.parametrize("drawn", [None, "some"])
