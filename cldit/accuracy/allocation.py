@@ -22,7 +22,6 @@ _LIKELY = 0.6
 # Predicted errors may leave cells next to nothing. At half of its share they are eight times as
 # many; an error that is still too large is stated.
 _LEAST_OF_SHARE = 0.5
-_CLOSE = 1.1  # in squares: not worth another spray
 # Contribution of the free sources to the square of the fixed ones. By the cost powers of all
 # sources the cost grows as the error to the power -5.5. The sum is then 5 % above the fixed
 # errors alone, and one per cent of it costs (1 + 10) times as much as without fixed errors.
@@ -135,33 +134,14 @@ class Allocation:
     def cells_K(self) -> float:
         """Error that the cells may have: what the other sources are likely to leave."""
         least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
-        return float(max(self._left_K2("cells"), least_K**2) ** 0.5)
+        others = (error_K for name, error_K in self.likely_K.items() if name != "cells")
+        left_K2 = self.target_K**2 - sum(error_K**2 for error_K in others)
+        return float(max(left_K2, least_K**2) ** 0.5)
 
     @property
     def likely_K(self) -> dict[str, float]:
         """Errors that sources will have: as predicted, else a part of their share."""
         return {name: _LIKELY * one for name, one in self.shares_K.items()} | {**self.predicted_K}
-
-    def _left_K2(self, *names: str) -> float:
-        """Part of the square of `target_K` that other sources are likely to leave to these."""
-        others = (e for name, e in self.likely_K.items() if name not in names)
-        return self.target_K**2 - sum(e**2 for e in others)
-
-    def beside_cells(
-        self, scene: Scene, cells_K: float | None, errors_K: Mapping[str, float]
-    ) -> Allocation:
-        """Shares of the sources that the spray is made with, for what the cells leave.
-
-        `errors_K` has their errors; unknown errors of cells count as none. Errors that are small
-        enough keep the allocation as it is.
-        """
-        free = set(free_sources(scene))
-        left = self._left_K2("cells", *SPRAY) - (cells_K or 0.0) ** 2
-        left -= sum(e**2 for name, e in errors_K.items() if name not in free)
-        mine = {name: e for name, e in errors_K.items() if name in free}
-        if left <= 0 or not mine or sum(e**2 for e in mine.values()) <= _CLOSE * left:
-            return self
-        return replace(self, shares_K={**self.shares_K, **shares_of(left, mine)})
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for run.json."""
@@ -179,9 +159,6 @@ class Allocation:
         wanted_K = data["wanted_K"]
         known = data["shares_K"], data["foretold_K"], data["fixed"]
         return cls(wanted_K, wanted_K, *known, wanted_K / data.get("wanted_emissivity", wanted_K))
-
-
-SPRAY = tuple(one.name for one in SOURCES if one.of_spray)
 
 
 def _shares(scene: Scene, free_K: float) -> dict[str, float]:

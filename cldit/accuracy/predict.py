@@ -70,7 +70,7 @@ def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Reso
 def _for_spray(
     problem: Problem, resolution: Resolution, allocation: Allocation, tracer: VariantTracer
 ) -> tuple[Resolution, Allocation]:
-    """Chooses the cells, then size classes and lattice for the error that these leave."""
+    """Chooses the cells, then size classes and lattice for their shares of the error."""
     scene, depth = problem.scene, tracer.prepared.cube.depth
     if isinstance(scene.spray, GridSpray):
         cells = Cells(depth, None)
@@ -89,15 +89,11 @@ def _for_spray(
         if tracer.prepared.cone is not None:
             estimates = [one for source in SOURCES if source.of_spray for one in at.of(source)]
             problem.predicted = {one.cause.name: one for one in estimates}
-    known = {name: one for name, one in problem.predicted.items() if one.error_K is not None}
-    errors_K = {name: one.error_K or 0.0 for name, one in known.items()}
-    before, allocation = allocation, allocation.beside_cells(scene, cells.error_K, errors_K)
-    for name in errors_K if allocation is not before else ():
-        share_K = allocation.shares_K.get(name, errors_K[name])
-        if name in free_sources(scene) and errors_K[name] > share_K:
-            ratio, order = errors_K[name] / share_K, known[name].order
-            finer = BY_NAME[name].finer
-            resolution = finer(resolution, share_K=share_K, ratio=ratio, order=order)
+    for name, estimate in problem.predicted.items():
+        error_K, share_K = estimate.error_K or 0.0, allocation.shares_K.get(name, math.inf)
+        if error_K > share_K:
+            ratio, finer = error_K / share_K, BY_NAME[name].finer
+            resolution = finer(resolution, share_K=share_K, ratio=ratio, order=estimate.order)
     if cells.error_K is not None:
         predicted_K = {**allocation.predicted_K, "cells": cells.error_K}
         allocation = replace(allocation, predicted_K=predicted_K)

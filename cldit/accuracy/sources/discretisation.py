@@ -1,8 +1,8 @@
 """Errors by wavelengths, cells and ordinates, whose numbers multiply each other's cost.
 
 The error of the wavelengths is estimated where they are chosen; that of the cells by Richardson
-extrapolation from images on three grids; that of ordinates, iteration and final gather from the halves
-of the trace and its audit.
+extrapolation from images on three grids; that of ordinates, iteration and final gather from the
+halves of the trace and its audit.
 """
 
 from __future__ import annotations

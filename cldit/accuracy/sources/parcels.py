@@ -7,7 +7,7 @@ classes, on cells twice as large as those of the image.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,35 +25,27 @@ _SEED = 1  # of the halves
 _OF_WIDTH = 4.0 / 3.0
 # Split-half estimates of 13,700 parcels of gdi-flow are 0.9 of the scatter between seeds, those of
 # 6,900 are 0.67 (docs/errors.md): the halves share a gas that few parcels drive more randomly.
-_FEWEST = 13_000
+_FEWEST_PARCELS = 13_000
 _MOST_CLASSES = 64
 
 
-@dataclass(frozen=True)
-class ParcelVariants:
-    """Sources of one wavelength with other parcels; see `cldit.medium.cloud.Variants`.
+# Sources of either half of the parcels, and of narrower clouds, None for parcels that come with an
+# extent; sampling error over the difference of the halves.
+ParcelVariants = tuple[tuple[Sources, Sources], Sources | None, float]
 
-    sampling: sampling error over the difference of the halves. narrower: None for parcels that
-    come with an extent.
-    """
 
-    halves: tuple[Sources, Sources]
-    narrower: Sources | None
-    sampling: float
-
-    @classmethod
-    def of(cls, prepared: Prepared) -> ParcelVariants:
-        """The variants of a spray whose parcels are a sample."""
-        made, spray = prepared.made, prepared.spray
-        assert made.parcels is not None and spray.parcels is not None
-        if spray.parcels.extent is None or made.parcels.extent is not None:
-            both = halves(spray.parcels, seed=_SEED, copies=copies_of(made))
-            one, other = (prepared.sources_of(replace(spray, parcels=half)) for half in both)
-            return cls((one, other), None, 0.5)
-        kernel = Kernel(exposure_s=prepared.scene.camera.smear_s)
-        found = variants(made, kernel=kernel, seed=_SEED)
-        one, other = (prepared.sources_of(half) for half in found.halves)
-        return cls((one, other), prepared.sources_of(found.narrower), SAMPLING)
+def parcel_variants(prepared: Prepared) -> ParcelVariants:
+    """Variants of a spray whose parcels are a sample, see `cldit.medium.cloud.Variants`."""
+    made, spray = prepared.made, prepared.spray
+    assert made.parcels is not None and spray.parcels is not None
+    if spray.parcels.extent is None or made.parcels.extent is not None:
+        parts = halves(spray.parcels, seed=_SEED, copies=copies_of(made))
+        first, second = (prepared.sources_of(replace(spray, parcels=half)) for half in parts)
+        return (first, second), None, 0.5
+    kernel = Kernel(exposure_s=prepared.scene.camera.smear_s)
+    clouds = variants(made, kernel=kernel, seed=_SEED)
+    first, second = (prepared.sources_of(half) for half in clouds.halves)
+    return (first, second), prepared.sources_of(clouds.narrower), SAMPLING
 
 
 class _Parcels(ErrorSource):
@@ -82,30 +74,29 @@ class _Parcels(ErrorSource):
         if not self.applies(at.prepared):
             return []
         key, tracer = self.key(at.scene), at.tracer
-        parcels: ParcelVariants = at.prepared.variant(
-            self.name, lambda: ParcelVariants.of(at.prepared)
+        variants_of: ParcelVariants = at.prepared.variant(
+            self.name, lambda: parcel_variants(at.prepared)
         )
+        (half_a, half_b), narrower, sampling = variants_of
         at.stages.tell("errors: either half of the parcels")
-        first, second = parcels.halves
-        one = tracer.variant("first half of the parcels", lambda: first, at.coarse)
-        other = tracer.variant("second half of the parcels", lambda: second, at.coarse)
-        sampling = [each.times(parcels.sampling) for each in tracer.difference(one, other)]
-        how = f"{parcels.sampling:.2g} of the difference of two halves of the parcels"
-        out = [Estimate.of(self.name, sampling, how, key)]
-        narrower = parcels.narrower
+        image_a = tracer.variant("first half of the parcels", lambda: half_a, at.coarse)
+        image_b = tracer.variant("second half of the parcels", lambda: half_b, at.coarse)
+        errors = [step.times(sampling) for step in tracer.difference(image_a, image_b)]
+        how = f"{sampling:.2g} of the difference of two halves of the parcels"
+        out = [Estimate.of(self.name, errors, how, key)]
         if narrower is not None:
             at.stages.tell("errors: parcels spread less")
             image = tracer.variant("parcels spread less", lambda: narrower, at.coarse)
-            apart = tracer.difference(tracer.level(at.coarse), image)
-            width = [each.times(_OF_WIDTH) for each in apart]
+            steps = tracer.difference(tracer.level(at.coarse), image)
+            width = [step.times(_OF_WIDTH) for step in steps]
             how = "4/3 of the step to half of the variance, for a bias of fourth order"
             out.append(Estimate.of("deposit width", width, how, key, at_most=True))
         points, _ = at.prepared.sources
         if isinstance(at.scene.spray, LagrangianSpray) and points is not None:
-            if len(points.position_m) < _FEWEST:
+            if len(points.position_m) < _FEWEST_PARCELS:
                 why = (
                     f"{len(points.position_m)} parcels, whose halves share a gas that they drive; "
-                    f"below {_FEWEST} the scatter between seeds exceeds this estimate"
+                    f"below {_FEWEST_PARCELS} the scatter between seeds exceeds this estimate"
                 )
                 out.append(Estimate.unknown("gas of few parcels", why, key))
         return out

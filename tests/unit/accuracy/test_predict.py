@@ -12,14 +12,14 @@ from cldit.accuracy.errors import Errors
 from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.predict import fixed_estimates
 from cldit.accuracy.sources.base import Measurement
-from cldit.accuracy.sources.parcels import PARCELS, ParcelVariants
+from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import TransportError
 from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
 
 GAS: Any = ("coarse gas", 0.052)  # and the vapour's penetration
-VARIANTS: Any = ParcelVariants(("one", "other"), "narrower", 0.5)  # type: ignore[arg-type]
+VARIANTS: Any = (("one", "other"), "narrower", 0.5)
 KNOWN_K = {"one": 1.0, "other": -1.0, "narrower": 0.75, GAS[0]: 9.0}
 
 
