@@ -46,15 +46,15 @@ def error_maps(
     for name, error in errors.items():
         if error is None:
             continue
-        given = differences.get(name, np.full(counted.shape, np.nan))
-        one = np.nan_to_num(given) if name in local else _nearby(given, counted)
-        if one is None:
+        difference = differences.get(name, np.full(counted.shape, np.nan))
+        local_map = np.nan_to_num(difference) if name in local else _nearby(difference, counted)
+        if local_map is None:
             square += error**2 * of
             continue
-        rms = float(np.sqrt(np.sum(one[counted] ** 2) / np.count_nonzero(of)))
-        one *= error / rms if rms > 0 else 0.0
-        square += one**2
-        out[name] = np.where(counted, one, np.nan).astype(np.float32)
+        rms = float(np.sqrt(np.sum(local_map[counted] ** 2) / np.count_nonzero(of)))
+        local_map *= error / rms if rms > 0 else 0.0
+        square += local_map**2
+        out[name] = np.where(counted, local_map, np.nan).astype(np.float32)
     out[TOTAL] = np.where(counted, np.sqrt(square), np.nan).astype(np.float32)
     return out
 
@@ -62,20 +62,20 @@ def error_maps(
 def _nearby(difference: Floats, counted: Mask) -> Floats | None:
     """Local RMS of a map; None if nothing of it is known. A pixel with no known pixel around it has
     the difference of the nearest known one."""
-    known = np.isfinite(difference) & counted
-    if not known.any():
+    sampled = np.isfinite(difference) & counted
+    if not sampled.any():
         return None
     width = max(3, round(_NEARBY * max(counted.shape)))
-    exact = np.where(known, np.nan_to_num(difference) ** 2, 0.0)
-    weight, square = known.astype(float), exact
+    exact = np.where(sampled, np.nan_to_num(difference) ** 2, 0.0)
+    weight, square = sampled.astype(float), exact
     for _ in range(3):  # three means in squares weigh nearly as a round Gaussian
         weight, square = (scipy.ndimage.uniform_filter(x, width) for x in (weight, square))
     local = np.divide(square, weight, out=np.zeros(square.shape), where=weight > _ROUNDING)
-    alone = weight <= _ROUNDING
-    if alone.any():
+    isolated = weight <= _ROUNDING
+    if isolated.any():
         nearest = scipy.ndimage.distance_transform_edt(
-            ~known, return_distances=False, return_indices=True
+            ~sampled, return_distances=False, return_indices=True
         )
-        row, column = nearest[:, alone]
-        local[alone] = exact[row, column]
+        row, column = nearest[:, isolated]
+        local[isolated] = exact[row, column]
     return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0
