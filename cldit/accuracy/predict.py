@@ -17,7 +17,7 @@ from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
-from cldit.accuracy.richardson import RichardsonEstimate, error_at, predicted_error, worst
+from cldit.accuracy.richardson import SAFE, RichardsonEstimate, error_at, predicted_error, worst
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import spectral_K
@@ -157,7 +157,6 @@ def fixed_estimates(
 
 
 _FINEST = 12  # 4096 cells along an edge
-_SAFE = 0.92  # of the tolerance, which predicted errors aim at
 _ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
 _MOST = 1.3  # how much larger: cells twice those of `depth` are 1.5 of them, and tell their error
 _CLOSE = 1.1  # of the tolerance: a coarse trace of the image's own cells costs as much as that
@@ -253,7 +252,7 @@ def choose_cells(
         larger = [estimate.at(2.0) for estimate in estimates]
         if max(estimate.most_K for estimate in larger) <= tolerance_K:  # such cells were traced
             return Cells(depth - 1, worst(larger).error_K)
-        less = min(_times(estimate, _SAFE * tolerance_K) for estimate in estimates)
+        less = min(_times(estimate, SAFE * tolerance_K) for estimate in estimates)
         if tracer.prepared.on_lattice and less >= _LEAST:
             less = min(less, _MOST)
             return Cells(depth, max(estimate.at(less).error_K for estimate in estimates), less=less)

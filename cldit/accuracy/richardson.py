@@ -23,6 +23,7 @@ from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import SprayError, TransportError
 
 _ORDERS = (1.0, 2.0)
+SAFE = 0.92  # of an error asked for: what cells aim at by an estimate on others
 _OUTSIDE = 2.5  # observed order from which the coarsest grid is outside the asymptotic range
 
 

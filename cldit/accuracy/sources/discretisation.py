@@ -13,8 +13,8 @@ from dataclasses import replace
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, cells_are_free
-from cldit.accuracy.richardson import error_at, extrapolated, predicted_error
-from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
+from cldit.accuracy.richardson import SAFE, error_at, extrapolated, predicted_error
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.trace_error import TraceError
 from cldit.medium.resolution import counted, in_whole_cells
@@ -23,8 +23,6 @@ from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
 
-_FINER_CELLS = 4e6  # swept, in a trace that estimates the error of a grid's voxels
-_SAFE = 0.9  # of the share, which a finer lattice aims at
 _FEWEST_K = 0.4  # for which, and for any larger error, a trace has its fewest ordinates
 _LEAST_MORE = 2.0  # times the ordinates of a trial: less is lost in the audit's own error
 
@@ -121,7 +119,7 @@ class _Cells(ErrorSource):
         """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""
         cube = at.prepared.cube
         cells = 8 * counted(cube, at.prepared.sources, at.tracer.device).swept
-        if cells > _FINER_CELLS:
+        if cells > MOST_SWEPT:
             reason = (
                 f"cells half as large are {cells:.2g}, which would take longer than the image; "
                 "compare with a run of half the domain.leaf_edge_m"
@@ -139,7 +137,7 @@ class _Cells(ErrorSource):
         if old.cube_m is None:
             return old.at_depth(old.depth + 1)
         assert old.spacing_m is not None
-        less = (_SAFE / ratio) ** (1.0 / order)
+        less = (SAFE / ratio) ** (1.0 / order)
         return old.on_lattice(old.spacing_m * max(less, 0.5))
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from cldit.accuracy.errors import OMISSION, Estimate
-from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import counted
 from cldit.prepare.medium import Prepared
@@ -18,7 +18,6 @@ from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
 from cldit.scene.vessel import Domain
 
-_MOST_CELLS = 4e6  # swept, on which all orders are solved; more take longer than most images
 _SPLIT = float(Domain.model_fields["optical_depth_split"].default)
 
 
@@ -73,7 +72,7 @@ class Omission(ErrorSource):
             reason = f"method {method} ends rays at every scattering"  # `path` has one of its own
             return [] if method == "path" else [Estimate.unknown(self.name, reason, self.fixed_by)]
         cells = counted(at.prepared.cube.at(at.depth), at.prepared.sources, at.tracer.device).swept
-        fine = isinstance(at.scene.spray, GridSpray) and cells <= _MOST_CELLS
+        fine = isinstance(at.scene.spray, GridSpray) and cells <= MOST_SWEPT
         return self._stated(at, at.depth if fine or not self.costly else at.coarse)
 
     def _stated(self, at: Measurement, depth: int) -> list[Estimate]:
