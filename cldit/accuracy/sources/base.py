@@ -19,8 +19,8 @@ from cldit.scene.spray import ConeSpray
 
 # A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
 NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
-# Cells of a trace that estimates one error alone. With 48 ordinates they take some 6 core-s (3.5 for
-# 2.3e6 cells of gdi-cone), more than the image of most scenes.
+# Cells of a trace that estimates one error alone. With 48 ordinates they take some 6 core-s (3.5
+# for 2.3e6 cells of gdi-cone), more than the image of most scenes.
 MOST_SWEPT = 4e6
 
 

@@ -43,18 +43,15 @@ def test_other_lattices_serve_in_the_same_light() -> None:
 
 def test_grids_that_an_error_is_extrapolated_from() -> None:
     """Half of the cells and twice their edge, if both are there; else twice and four times."""
-    tracer = tracer_of()
-    tracer.levels.update({5: "5", 6: "6"})  # type: ignore[dict-item]
-    names = {5: "5", 6: "6", 7: "coarse", 8: "fine"}
-    for depth, sizes in ((8, (1.0, 2.0, 4.0)), (7, (0.5, 1.0, 2.0))):
-        assert tracer.grids(depth) == [
-            (size, names[depth - round(np.log2(size))]) for size in sizes
-        ]
+    levels: Any = {5: "5", 6: "6", 7: "7", 8: "8"}
+    tracer: Any = replace(tracer_of(), levels=levels)
+    assert tracer.grids(8) == [(1.0, "8"), (2.0, "7"), (4.0, "6")]
+    assert tracer.grids(7) == [(0.5, "8"), (1.0, "7"), (2.0, "6")]
     cell_m = 0.2 / 2**7
-    other = replace(tracer, levels={7: "own"}, earlier={0.6 * cell_m: "near", 1.6 * cell_m: "twice",
-                                                        3.2 * cell_m: "four"})  # fmt: skip
-    assert [pair for _, pair in other.grids(7)] == ["own", "twice", "four"]
-    assert [size for size, _ in other.grids(7)] == pytest.approx([1.0, 1.6, 3.2])
+    earlier = {0.6 * cell_m: "near", 1.6 * cell_m: "twice", 3.2 * cell_m: "four"}
+    tracer = replace(tracer, levels={7: "7"}, earlier=earlier)
+    assert [image for _, image in tracer.grids(7)] == ["7", "twice", "four"]
+    assert [size for size, _ in tracer.grids(7)] == pytest.approx([1.0, 1.6, 3.2])
 
 
 @pytest.mark.parametrize("drawn", [None, "some"])
