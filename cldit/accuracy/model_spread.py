@@ -43,8 +43,9 @@ def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
     blurred = PointSpread.of(seen, radii_m)(image.weights)
     temperature = temperature_of(scene, prepared)
     differences = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
-    method = f"a pinhole's image against one blurred by f/{camera.sensor.f_number:g} and diffraction"
-    spread = Estimate.of("lens", differences, f"{method}; camera.lens traces it", "")
+    blur = f"f/{camera.sensor.f_number:g} and diffraction"
+    method = f"a pinhole's image against one blurred by {blur}; camera.lens traces it"
+    spread = Estimate.of("lens", differences, method, "")
     return (spread.stated(temperature.per_emissivity_K),)
 
 
