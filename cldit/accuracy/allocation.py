@@ -22,7 +22,6 @@ _LIKELY = 0.6
 # Predicted errors may leave cells next to nothing. At half of its share they are eight times as
 # many; an error that is still too large is stated.
 _LEAST_OF_SHARE = 0.5
-_CLOSE = 1.1  # in squares: not worth another spray
 # Contribution of the free sources to the square of the fixed ones. By the cost powers of all
 # sources the cost grows as the error to the power -5.5. The sum is then 5 % above the fixed
 # errors alone, and one per cent of it costs (1 + 10) times as much as without fixed errors.
@@ -38,10 +37,10 @@ def split(tolerance_K: float, sources: Mapping[str, ErrorSource]) -> dict[str, f
     to p_i C_i. Sources that multiply each other's cost all scale the whole of it: for these e_i^2
     is proportional to p_i alone.
     """
-    whole = sum(one.cost_power * one.cost_share for one in sources.values())
+    total = sum(source.cost_power * source.cost_share for source in sources.values())
     return {
-        name: tolerance_K * (one.cost_power * one.cost_share / whole) ** 0.5
-        for name, one in sources.items()
+        name: tolerance_K * (source.cost_power * source.cost_share / total) ** 0.5
+        for name, source in sources.items()
     }
 
 
@@ -49,12 +48,12 @@ def shares_of(left_K2: float, errors_K: Mapping[str, float]) -> dict[str, float]
     """Shares of a sum of squares; a source within its share leaves the rest to the others."""
     shares_K = dict(errors_K)
     # In the order of the list, so that sums are the same to the bit in every run.
-    open_ = [one.name for one in SOURCES if one.name in errors_K]
+    open_ = [source.name for source in SOURCES if source.name in errors_K]
     while open_:
-        wanted = split(left_K2**0.5, {name: BY_NAME[name] for name in open_})
-        within = [name for name in open_ if errors_K[name] <= wanted[name]]
+        limits_K = split(left_K2**0.5, {name: BY_NAME[name] for name in open_})
+        within = [name for name in open_ if errors_K[name] <= limits_K[name]]
         if not within:
-            return shares_K | wanted
+            return shares_K | limits_K
         left_K2 -= sum(errors_K[name] ** 2 for name in within)
         open_ = [name for name in open_ if name not in within]
     return shares_K
@@ -62,7 +61,7 @@ def shares_of(left_K2: float, errors_K: Mapping[str, float]) -> dict[str, float]
 
 def free_sources(scene: Scene) -> tuple[str, ...]:
     """Names of the sources whose error the scene leaves to choice."""
-    return tuple(one.name for one in SOURCES if one.is_free(scene))
+    return tuple(source.name for source in SOURCES if source.is_free(scene))
 
 
 @dataclass(frozen=True)
@@ -118,10 +117,10 @@ class Allocation:
         """
         free = free_sources(scene)
         errors_K, fixed = {}, {name: False for name in ("pixel sampling", "trace")}
-        for one in estimates:
-            if one.cause.error_K is not None:  # of T_app: that of emissivity bounds no other
-                errors_K[one.cause.name] = one.cause.error_K
-                fixed[one.cause.name] = one.cause.at_most
+        for estimate in estimates:
+            if estimate.cause.error_K is not None:  # of T_app: that of emissivity bounds no other
+                errors_K[estimate.cause.name] = estimate.cause.error_K
+                fixed[estimate.cause.name] = estimate.cause.at_most
         fixed = {name: at_most for name, at_most in fixed.items() if name not in free}
         return replace(self, predicted_K={**self.predicted_K, **errors_K}, fixed=fixed)
 
@@ -135,33 +134,15 @@ class Allocation:
     def cells_K(self) -> float:
         """Error that the cells may have: what the other sources are likely to leave."""
         least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
-        return float(max(self._left_K2("cells"), least_K**2) ** 0.5)
+        others_K = (error_K for name, error_K in self.likely_K.items() if name != "cells")
+        left_K2 = self.target_K**2 - sum(error_K**2 for error_K in others_K)
+        return float(max(left_K2, least_K**2) ** 0.5)
 
     @property
     def likely_K(self) -> dict[str, float]:
         """Errors that sources will have: as predicted, else a part of their share."""
-        return {name: _LIKELY * one for name, one in self.shares_K.items()} | {**self.predicted_K}
-
-    def _left_K2(self, *names: str) -> float:
-        """Part of the square of `target_K` that other sources are likely to leave to these."""
-        others = (e for name, e in self.likely_K.items() if name not in names)
-        return self.target_K**2 - sum(e**2 for e in others)
-
-    def beside_cells(
-        self, scene: Scene, cells_K: float | None, errors_K: Mapping[str, float]
-    ) -> Allocation:
-        """Shares of the sources that the spray is made with, for what the cells leave.
-
-        `errors_K` has their errors; unknown errors of cells count as none. Errors that are small
-        enough keep the allocation as it is.
-        """
-        free = set(free_sources(scene))
-        left = self._left_K2("cells", *SPRAY) - (cells_K or 0.0) ** 2
-        left -= sum(e**2 for name, e in errors_K.items() if name not in free)
-        mine = {name: e for name, e in errors_K.items() if name in free}
-        if left <= 0 or not mine or sum(e**2 for e in mine.values()) <= _CLOSE * left:
-            return self
-        return replace(self, shares_K={**self.shares_K, **shares_of(left, mine)})
+        likely_K = {name: _LIKELY * share_K for name, share_K in self.shares_K.items()}
+        return likely_K | {**self.predicted_K}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for run.json."""
@@ -177,11 +158,8 @@ class Allocation:
     def from_dict(cls, data: Mapping[str, Any]) -> Allocation:
         """Reads the result of `to_dict`; raises KeyError where it is damaged."""
         wanted_K = data["wanted_K"]
-        known = data["shares_K"], data["foretold_K"], data["fixed"]
-        return cls(wanted_K, wanted_K, *known, wanted_K / data.get("wanted_emissivity", wanted_K))
-
-
-SPRAY = tuple(one.name for one in SOURCES if one.of_spray)
+        stored = data["shares_K"], data["foretold_K"], data["fixed"]
+        return cls(wanted_K, wanted_K, *stored, wanted_K / data.get("wanted_emissivity", wanted_K))
 
 
 def _shares(scene: Scene, free_K: float) -> dict[str, float]:

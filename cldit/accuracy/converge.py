@@ -82,8 +82,8 @@ class Result:
     def errors(self) -> Errors:
         """Errors by source, and their sum."""
         per_K = self.allocation.per_emissivity_K
-        causes = tuple(one.stated(per_K) for one in self.estimates)
-        figures = {name: error for one in self.estimates for name, error in one.figures.items()}
+        causes = tuple(estimate.stated(per_K) for estimate in self.estimates)
+        figures = {k: error for e in self.estimates for k, error in e.figures.items()}
         return Errors(causes, self.model, why=self.unstated, figures=figures)
 
     @property
@@ -96,9 +96,9 @@ class Result:
         """The nodes that were traced."""
         return self.medium.properties.chosen.quadrature
 
-    def limited(self, source: str, why: str) -> Result:
+    def limited(self, source: str, reason: str) -> Result:
         """The result with the reason why a source cannot be smaller; empty: none."""
-        return replace(self, resolution=self.resolution.limited(source, why))
+        return replace(self, resolution=self.resolution.limited(source, reason))
 
     @property
     def plan(self) -> dict[str, Any]:
@@ -145,8 +145,8 @@ def _last_remarks(scene: Scene, result: Result) -> Iterator[str]:
         return
     yield from () if error is None else error.unknown_remarks
     errors = result.errors if transport.audit else remarks.of_trace(scene, error)
-    most = transport.accuracy_K, result.resolution.limits
-    yield from remarks.too_large(errors, *most, emissivity=result.allocation.emissivity)
+    bounds = transport.accuracy_K, result.resolution.limits
+    yield from remarks.too_large(errors, *bounds, emissivity=result.allocation.emissivity)
 
 
 def _model_spread(problem: Problem, result: Result) -> tuple[Cause, ...]:
@@ -158,9 +158,9 @@ def _model_spread(problem: Problem, result: Result) -> tuple[Cause, ...]:
     if not result.traces.scatters:
         return result.model
     with problem.stages.stage("phase function") as note:
-        found = phase_spread(problem.tracer(result.resolution)[1], depth)
-        note.append(found.text)
-    return (*result.model, found)
+        spread = phase_spread(problem.tracer(result.resolution)[1], depth)
+        note.append(spread.text)
+    return (*result.model, spread)
 
 
 def _trace_K(result: Result) -> float:
@@ -180,7 +180,7 @@ def solve(
     tracer = problem.tracer(resolution)[1] if audit else None
     frame = medium.trees[0].frame
     quadrature = prepared.properties.chosen.quadrature
-    settings = [replace(one, audit=audit) for one in problem.settings(resolution, prepared)]
+    settings = [replace(setting, audit=audit) for setting in problem.settings(resolution, prepared)]
     stages.remark(
         expected(
             scene,
@@ -193,8 +193,8 @@ def solve(
             limits=resolution.limits,
         )
     )
-    every = trace_each(medium.trees, scene, device, settings, report=stages.tell)
-    traces = summed(every, quadrature, scene)
+    results = trace_each(medium.trees, scene, device, settings, report=stages.tell)
+    traces = summed(results, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)
     reference = blur_of(scene)(trace(nothing, scene, device, grey, rays=traces.rays).weights)
@@ -234,22 +234,22 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
         exact=exact,
         trace_errors=result.trace_errors,
         predicted=problem.predicted,
-        found=dict(problem.estimates),
+        estimates=dict(problem.estimates),
     )
-    estimates = tuple(one for source in SOURCES for one in at.of(source))
-    problem.estimates = {one.name: at.of(one) for one in SOURCES if one.of_spray}
+    estimates = tuple(estimate for source in SOURCES for estimate in at.of(source))
+    problem.estimates = {source.name: at.of(source) for source in SOURCES if source.of_spray}
     result = replace(result, trace_errors=beyond(at), estimates=estimates)
     pixels_K, asked_K = at.errors_K(PIXEL_SAMPLING), result.resolution.pixels_K
-    if asked_K is not None and max(one or 0.0 for one in pixels_K) > _CLOSE * asked_K:
+    if asked_K is not None and max(error_K or 0.0 for error_K in pixels_K) > _CLOSE * asked_K:
         result = result.limited("pixel sampling", next(iter(traces.short), MOST_RAYS))
     causes, local = result.errors.causes, (PIXEL_SAMPLING.name,)
-    warm, known = result.maps.has_temperature, np.isfinite(result.maps.emissivity)
-    stated = [{one.name: (one.error_K, one.emissivity)[n] for one in causes} for n in (0, 1)]
-    maps_K = [{one.cause.name: one.maps_K[n] for one in estimates if one.maps_K} for n in (0, 1)]
+    warm, finite = result.maps.has_temperature, np.isfinite(result.maps.emissivity)
+    stated = [{c.name: (c.error_K, c.emissivity)[n] for c in causes} for n in (0, 1)]
+    maps_K = [{e.cause.name: e.maps_K[n] for e in estimates if e.maps_K} for n in (0, 1)]
     return replace(
         result,
         error_maps=error_maps(stated[0], maps_K[0], warm, local=local),
-        emissivity_error_maps=error_maps(stated[1], maps_K[1], known, warm, local=local),
+        emissivity_error_maps=error_maps(stated[1], maps_K[1], finite, warm, local=local),
         model=lens_omission(tracer.prepared, image),
     )
 
@@ -272,10 +272,10 @@ def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | 
     if not result.errors.exceed(tolerance_K, result.allocation.emissivity):
         return None
     of = 0 if result.errors.exceed(tolerance_K) else 1  # the result whose sources are refined
-    known = {one.cause.name: one for one in result.estimates if one.errors_K[of] is not None}
-    errors_K = {name: one.errors_K[of] or 0.0 for name, one in known.items()}
+    by_name = {e.cause.name: e for e in result.estimates if e.errors_K[of] is not None}
+    errors_K = {name: estimate.errors_K[of] or 0.0 for name, estimate in by_name.items()}
     reducible = _reducible(problem, result)
-    free = [name for name in known if name in reducible]
+    free = [name for name in by_name if name in reducible]
     fixed_K = {name: error_K for name, error_K in errors_K.items() if name not in free}
     fixed_K2 = sum(error_K**2 for error_K in fixed_K.values())
     left_K2 = max(tolerance_K**2 - fixed_K2, IN_VAIN * fixed_K2)
@@ -293,7 +293,7 @@ def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | 
                 resolution = ORDINATES.denser(resolution, ratio)
                 continue
             resolution = BY_NAME[by].finer(
-                resolution, share_K=shares_K[name], ratio=ratio, order=known[name].order
+                resolution, share_K=shares_K[name], ratio=ratio, order=by_name[name].order
             )
     return resolution, replace(result.allocation, shares_K=shares_K, predicted_K=fixed_K)
 
@@ -331,7 +331,7 @@ def _remedy(problem: Problem, result: Result) -> str:
     return "cells" if voxels and "cells" not in limits else ""
 
 
-def _exceeds(result: Result, before: Result) -> bool:
+def _exceeds(result: Result, previous: Result) -> bool:
     """True if the error of a result is known to exceed that of the one before."""
     per_K = result.allocation.per_emissivity_K
-    return result.errors.larger_K(per_K) > before.errors.larger_K(per_K) > 0.0
+    return result.errors.larger_K(per_K) > previous.errors.larger_K(per_K) > 0.0

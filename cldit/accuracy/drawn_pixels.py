@@ -43,12 +43,12 @@ class DrawnPixels:
         that of a coarse image of the same field.
         """
         rows, columns = sees_background.shape
-        near = scipy.ndimage.maximum_filter(emissivity, 3) > _LIKELY * VISIBLE_EMISSIVITY
+        coarse = scipy.ndimage.maximum_filter(emissivity, 3) > _LIKELY * VISIBLE_EMISSIVITY
         down, across = (
-            np.arange(count) * few // count
-            for count, few in zip((rows, columns), near.shape, strict=True)
+            np.arange(count) * coarse_count // count
+            for count, coarse_count in zip((rows, columns), coarse.shape, strict=True)
         )
-        likely = (near[np.ix_(down, across)] & sees_background).astype(float)
+        likely = (coarse[np.ix_(down, across)] & sees_background).astype(float)
         even = _EVEN * float(likely.sum() / max(sees_background.sum(), 1)) or 1.0
         importance = np.where(sees_background, likely + even, 0.0)
         return cls((rows, columns), PixelSample.of(importance.ravel(), size=_MOST, seed=seed))

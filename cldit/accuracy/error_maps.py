@@ -17,6 +17,9 @@ from cldit.arrays import Floats, Image, Mask
 
 TOTAL = "total"
 _NEARBY = 0.03  # of the image's edge: of each square whose means make the local RMS
+# Running sums along 1e4 pixels round to 1e-12 of the largest square; their ratio at this weight is
+# good to 1e-6 of it.
+_ROUNDING = 1e-6
 
 
 def error_maps(
@@ -41,28 +44,36 @@ def error_maps(
     for name, error in errors.items():
         if error is None:
             continue
-        given = differences.get(name, np.full(counted.shape, np.nan))
-        one = np.nan_to_num(given) if name in local else _nearby(given, counted)
-        if one is None:
+        difference = differences.get(name, np.full(counted.shape, np.nan))
+        local_map = np.nan_to_num(difference) if name in local else _nearby(difference, counted)
+        if local_map is None:
             square += error**2 * of
             continue
-        rms = float(np.sqrt(np.sum(one[counted] ** 2) / np.count_nonzero(of)))
-        one *= error / rms if rms > 0 else 0.0
-        square += one**2
-        out[name] = np.where(counted, one, np.nan).astype(np.float32)
+        rms = float(np.sqrt(np.sum(local_map[counted] ** 2) / np.count_nonzero(of)))
+        local_map *= error / rms if rms > 0 else 0.0
+        square += local_map**2
+        out[name] = np.where(counted, local_map, np.nan).astype(np.float32)
     out[TOTAL] = np.where(counted, np.sqrt(square), np.nan).astype(np.float32)
     return out
 
 
 def _nearby(difference: Floats, counted: Mask) -> Floats | None:
-    """Local RMS of a map; None if nothing of it is known."""
-    known = np.isfinite(difference) & counted
-    if not known.any():
+    """Local RMS of a map; None if nothing of it is known. A pixel with no known pixel around it has
+    the difference of the nearest known one."""
+    sampled = np.isfinite(difference) & counted
+    if not sampled.any():
         return None
     width = max(3, round(_NEARBY * max(counted.shape)))
-    weight, square = known.astype(float), np.where(known, np.nan_to_num(difference) ** 2, 0.0)
+    exact = np.where(sampled, np.nan_to_num(difference) ** 2, 0.0)
+    weight, square = sampled.astype(float), exact
     for _ in range(3):  # three means in squares weigh nearly as a round Gaussian
         weight, square = (scipy.ndimage.uniform_filter(x, width) for x in (weight, square))
-    mean = float(np.mean(difference[known] ** 2))
-    local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
+    local = np.divide(square, weight, out=np.zeros(square.shape), where=weight > _ROUNDING)
+    isolated = weight <= _ROUNDING
+    if isolated.any():
+        nearest = scipy.ndimage.distance_transform_edt(
+            ~sampled, return_distances=False, return_indices=True
+        )
+        row, column = nearest[:, isolated]
+        local[isolated] = exact[row, column]
     return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0

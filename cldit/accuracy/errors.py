@@ -71,8 +71,8 @@ class Estimate:
     def of(
         cls,
         name: str,
-        found: Sequence[ImageDifference],
-        how: str,
+        differences: Sequence[ImageDifference],
+        method: str,
         fixed: str,
         *,
         at_most: bool = False,
@@ -80,17 +80,17 @@ class Estimate:
         size: float = 1.0,
     ) -> Estimate:
         """Takes the differences of both results; unknown where no pixel has a T_app."""
-        temperature, emissivity = found
+        temperature, emissivity = differences
         if temperature.error_K is None:
             return cls.unknown(name, NO_PIXEL, fixed)
-        cause = Cause(name, temperature.error_K, how, fixed, at_most)
-        maps_K = [one.map_K for one in found]
+        cause = Cause(name, temperature.error_K, method, fixed, at_most)
+        maps_K = [difference.map_K for difference in differences]
         return cls(cause, emissivity.error_K, maps_K, order, size)
 
     @classmethod
-    def unknown(cls, name: str, why: str, fixed: str = "") -> Estimate:
+    def unknown(cls, name: str, reason: str, fixed: str = "") -> Estimate:
         """An error that nobody knows, and the reason."""
-        return cls(Cause(name, None, why, fixed))
+        return cls(Cause(name, None, reason, fixed))
 
     @property
     def errors_K(self) -> tuple[float | None, float | None]:
@@ -100,7 +100,7 @@ class Estimate:
     @property
     def error_K(self) -> float | None:
         """The larger error of both results; None: unknown."""
-        return max((one for one in self.errors_K if one is not None), default=None)
+        return max((error_K for error_K in self.errors_K if error_K is not None), default=None)
 
     def stated(self, per_emissivity_K: float) -> Cause:
         """The cause with its error of emissivity."""
@@ -112,11 +112,11 @@ class Estimate:
         """The estimate for another size."""
         if self.cause.error_K is None or self.emissivity_K is None:
             return self
-        how, factor = self.cause.how, (size / self.size) ** self.order
+        method, factor = self.cause.how, (size / self.size) ** self.order
         if abs(size / self.size - 1) > 1e-9:
-            how += f"; scaled to {size / self.size:.2g} of that size"
-        cause = replace(self.cause, error_K=factor * self.cause.error_K, how=how)
-        emissivity_K, maps_K = factor * self.emissivity_K, [factor * one for one in self.maps_K]
+            method += f"; scaled to {size / self.size:.2g} of that size"
+        cause = replace(self.cause, error_K=factor * self.cause.error_K, how=method)
+        emissivity_K, maps_K = factor * self.emissivity_K, [factor * map_K for map_K in self.maps_K]
         return replace(self, cause=cause, emissivity_K=emissivity_K, maps_K=maps_K, size=size)
 
 
@@ -151,8 +151,8 @@ class Errors:
         """The error of emissivity: `0.012`, `at least 0.012`, or `unknown`."""
         if self.total_emissivity is None:
             return "unknown"
-        least = any(cause.emissivity is None for cause in self.causes)
-        return f"{'at least ' if least else ''}{self.total_emissivity:.2g}"
+        partial = any(cause.emissivity is None for cause in self.causes)
+        return f"{'at least ' if partial else ''}{self.total_emissivity:.2g}"
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -176,15 +176,16 @@ class Errors:
 
     def exceed(self, tolerance_K: float, tolerance_emissivity: float | None = None) -> bool:
         """True if a known sum, as printed, exceeds its tolerance; None: there is none."""
-        most = math.inf if tolerance_emissivity is None else tolerance_emissivity
-        pairs = (self.total_K, tolerance_K), (self.total_emissivity, most)
-        return any(total is not None and float(f"{total:.2g}") > most for total, most in pairs)
+        limit = math.inf if tolerance_emissivity is None else tolerance_emissivity
+        pairs = (self.total_K, tolerance_K), (self.total_emissivity, limit)
+        return any(total is not None and float(f"{total:.2g}") > limit for total, limit in pairs)
 
     def largest(self, *, of_emissivity: bool = False) -> Cause | None:
         """The largest contribution; None where none is known."""
-        errors = [one.emissivity if of_emissivity else one.error_K for one in self.causes]
-        known = [pair for pair in zip(errors, self.causes, strict=True) if pair[0] is not None]
-        return max(known, key=lambda pair: pair[0] or 0.0, default=(None, None))[1]
+        errors = [cause.emissivity if of_emissivity else cause.error_K for cause in self.causes]
+        pairs = zip(errors, self.causes, strict=True)
+        contributions = [pair for pair in pairs if pair[0] is not None]
+        return max(contributions, key=lambda pair: pair[0] or 0.0, default=(None, None))[1]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, with the sum."""
@@ -205,5 +206,5 @@ class Errors:
 
 
 def _total(errors: Iterable[float | None]) -> float | None:
-    known = [error for error in errors if error is not None]
-    return sum(error**2 for error in known) ** 0.5 if known else None
+    known_errors = [error for error in errors if error is not None]
+    return sum(error**2 for error in known_errors) ** 0.5 if known_errors else None

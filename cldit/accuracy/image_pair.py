@@ -71,22 +71,22 @@ class ImagePair:
         if self.difference is None:
             return np.zeros((2, *self.weights.background.shape))
         mean, half = self.weights.images, self.difference.images
-        one, other = (
+        result_a, result_b = (
             np.stack(temperature.results(Weights.of({n: mean[n] + sign * half[n] for n in mean})))
             for sign in (1, -1)
         )
-        return np.asarray((one - other) / 2.0)
+        return np.asarray((result_a - result_b) / 2.0)
 
     def error_K(
         self, temperature: NodeTemperature, drawn: DrawnPixels | None = None
     ) -> float | None:
         """RMS of the noise of T_app over the visible pixels, all or drawn; None: there is none."""
         noise = self.noise_K(temperature)[0]
-        known = np.isfinite(noise) & self.visible(temperature)
-        if not known.any():
+        finite = np.isfinite(noise) & self.visible(temperature)
+        if not finite.any():
             return None
-        weight = None if drawn is None else 1.0 / drawn.chance[known]
-        return float(np.sqrt(np.average(noise[known] ** 2, weights=weight)))
+        weight = None if drawn is None else 1.0 / drawn.chance[finite]
+        return float(np.sqrt(np.average(noise[finite] ** 2, weights=weight)))
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,8 @@ class ImageDifference:
     def between(
         cls,
         temperature: NodeTemperature,
-        one: ImagePair,
-        other: ImagePair,
+        image_a: ImagePair,
+        image_b: ImagePair,
         drawn: DrawnPixels | None = None,
     ) -> tuple[ImageDifference, ImageDifference]:
         """Compares T_app and emissivity of two images of the same pixels, all or drawn.
@@ -123,30 +123,30 @@ class ImageDifference:
         (1 - p) (A B - mean)^2 / p^2 is the variance by the draw; the contribution of noise to it
         is already in the first sum, and is subtracted.
         """
-        results = (np.stack(temperature.results(each.weights)) for each in (one, other))
-        apart = np.subtract(*results)
-        noise = one.noise_K(temperature) - other.noise_K(temperature)
-        seen = one.visible(temperature), other.visible(temperature)
-        known = np.isfinite(apart) & np.isfinite(noise)
-        known[0] &= seen[0] & seen[1]
-        number = known[0], known[1] & (seen[0] | seen[1])
-        warm, emissivity = zip(apart, noise, known, number, strict=True)
+        results = (np.stack(temperature.results(image.weights)) for image in (image_a, image_b))
+        change = np.subtract(*results)
+        noise = image_a.noise_K(temperature) - image_b.noise_K(temperature)
+        seen = image_a.visible(temperature), image_b.visible(temperature)
+        finite = np.isfinite(change) & np.isfinite(noise)
+        finite[0] &= seen[0] & seen[1]
+        number = finite[0], finite[1] & (seen[0] | seen[1])
+        warm, emissivity = zip(change, noise, finite, number, strict=True)
         return cls._of(*warm, drawn), cls._of(*emissivity, drawn)
 
     @classmethod
     def _of(
-        cls, apart: Floats, noise: Floats, known: Mask, number: Mask, drawn: DrawnPixels | None
+        cls, change: Floats, noise: Floats, finite: Mask, number: Mask, drawn: DrawnPixels | None
     ) -> ImageDifference:
         """Takes differences and noise (H, W) of one result in `known` pixels, and their number."""
-        map_K = np.where(known, np.abs(apart), np.nan)
-        shape, chance = known.shape, np.ones(known.shape)
-        row, column = np.nonzero(known)
+        map_K = np.where(finite, np.abs(change), np.nan)
+        shape, chance = finite.shape, np.ones(finite.shape)
+        row, column = np.nonzero(finite)
         if drawn is not None:
             map_K, shape, chance = drawn.spread(map_K), drawn.shape, drawn.chance
-            row, column = (place[known[0]] for place in drawn.places)
+            row, column = (place[finite[0]] for place in drawn.places)
         if not number.any():
             return cls(None, map_K)
-        d, e, p = apart[known], noise[known], chance[known]
+        d, e, p = change[finite], noise[finite], chance[finite]
         count = float(np.sum(1.0 / chance[number]))
         product, doubt = d**2 - e**2, 2.0 * d * e
         total = float(np.sum(product / p))

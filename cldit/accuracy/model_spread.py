@@ -42,9 +42,10 @@ def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
     seen = scene.model_copy(update={"camera": camera})
     blurred = PointSpread.of(seen, radii_m)(image.weights)
     temperature = temperature_of(scene, prepared)
-    both = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
-    how = f"a pinhole's image against one blurred by f/{camera.sensor.f_number:g} and diffraction"
-    spread = Estimate.of("lens", both, f"{how}; camera.lens traces it", "")
+    differences = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
+    blur = f"f/{camera.sensor.f_number:g} and diffraction"
+    method = f"a pinhole's image against one blurred by {blur}; camera.lens traces it"
+    spread = Estimate.of("lens", differences, method, "")
     return (spread.stated(temperature.per_emissivity_K),)
 
 
@@ -64,11 +65,13 @@ def depths_m(spray: Spray) -> Floats:
     elif spray.vapour is not None and spray.vapour.masses_kg.any():
         cells = spray.vapour.cells
         y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, spray.vapour.masses_kg
-    elif (given := spray.prescribed) is not None:
-        cells = given.cells
-        whole = given.vapour_absorption_per_m + given.droplet_absorption_per_m
-        whole = whole + given.droplet_scattering_per_m
-        y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, whole * cells.volume_m3
+    elif (coefficients := spray.prescribed) is not None:
+        cells = coefficients.cells
+        extinction_per_m = coefficients.vapour_absorption_per_m
+        extinction_per_m = extinction_per_m + coefficients.droplet_absorption_per_m
+        extinction_per_m = extinction_per_m + coefficients.droplet_scattering_per_m
+        y = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2
+        part = extinction_per_m * cells.volume_m3
     order = np.argsort(y)
     sums = np.cumsum(part[order])
     if not sums[-1] > 0.0:
@@ -86,28 +89,28 @@ _MOST_CELLS = 1e6  # swept: more take longer than most images
 def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
     """Spread by the phase function of an image in a cube that is halved `depth` times."""
     scene, prepared = tracer.scene, tracer.prepared
-    now = scene_phase(scene, prepared.spray, scene.optics.preset)
-    given = has_coefficients(prepared.spray)
-    if now.mie or (given and now.asymmetry):
-        other = "isotropic"
-    elif given:
+    current = scene_phase(scene, prepared.spray, scene.optics.preset)
+    prescribed = has_coefficients(prepared.spray)
+    if current.mie or (prescribed and current.asymmetry):
+        alternative = "isotropic"
+    elif prescribed:
         return Cause(_PHASE, None, "not known: the droplets are coefficients without diameters")
     else:
-        other = "mie"
+        alternative = "mie"
     if not isinstance(scene.spray, GridSpray):
         depth = max(depth - _COARSER, 0)
     cells = counted(prepared.cube.at(depth), prepared.sources, tracer.device).swept
     if cells > _MOST_CELLS:
-        why = f"not known: a second trace is long; compare a run with transport.phase: {other}"
-        return Cause(_PHASE, None, why)
-    changed = scene.with_(**{"transport.phase": other})
+        reason = "not known: a second trace is long; compare a run with transport.phase: "
+        return Cause(_PHASE, None, reason + alternative)
+    changed = scene.with_(**{"transport.phase": alternative})
     try:
-        medium = prepared.rescattered(mie=other == "mie")
+        medium = prepared.rescattered(mie=alternative == "mie")
         phase = medium.properties.phases[medium.number]
         settings = settings_for(
             changed, phase, tolerance_K=max(tracer.settings.accuracy_K, _LEAST_K)
         )
-        second = replace(
+        varied = replace(
             tracer,
             scene=changed,
             settings=replace(settings, method="source", audit=False, subpixels=False),
@@ -116,9 +119,9 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
             variants={},
             earlier={},
         )
-        found = tracer.difference(tracer.level(depth), second.level(depth))
+        differences = tracer.difference(tracer.level(depth), varied.level(depth))
     except (MediumError, PhaseError, SprayError, TransportError) as error:
         return Cause(_PHASE, None, f"not known: {error}")
     cell_mm = 1e3 * prepared.cube.at(depth).cell_m
-    how = f"RMS of {now.name} against {other}, on cells of {cell_mm:.3g} mm"
-    return Estimate.of(_PHASE, found, how, "").stated(tracer.temperature.per_emissivity_K)
+    method = f"RMS of {current.name} against {alternative}, on cells of {cell_mm:.3g} mm"
+    return Estimate.of(_PHASE, differences, method, "").stated(tracer.temperature.per_emissivity_K)

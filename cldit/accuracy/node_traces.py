@@ -45,18 +45,18 @@ class NodeTraces:
     @property
     def unaudited(self) -> tuple[str, ...]:
         """Reasons why the error of traces is known in part only, each once."""
-        return tuple(dict.fromkeys(one.unaudited for one in self.traces if one.unaudited))
+        return tuple(dict.fromkeys(result.unaudited for result in self.traces if result.unaudited))
 
     @property
     def short(self) -> tuple[str, ...]:
         """Remarks on traces that stopped short of the accuracy asked for, each once."""
-        return tuple(dict.fromkeys(one.short for one in self.traces if one.short))
+        return tuple(dict.fromkeys(result.short for result in self.traces if result.short))
 
     @property
     def closure(self) -> EnergyBalance | None:
         """The largest residual of all nodes."""
-        found = [result.closure for result in self.traces if result.closure is not None]
-        return max(found, key=lambda one: abs(one.largest), default=None)
+        balances = [result.closure for result in self.traces if result.closure is not None]
+        return max(balances, key=lambda balance: abs(balance.largest), default=None)
 
     @property
     def rays(self) -> Ints | None:
@@ -84,18 +84,18 @@ def node_settings(
     nodes = 1.0 / float(np.sum(light**2))
     out = []
     for number, phase in enumerate(phases):
-        one = settings_for(scene, phase, tolerance_K=tolerance_K)
-        final = one.final_directions
+        setting = settings_for(scene, phase, tolerance_K=tolerance_K)
+        final = setting.final_directions
         if spec.directions is None and len(phases) > 1:
             final = min(final, max(32, 8 * round(final / 8 * nodes**-0.75)))
         final = round(final * more_ordinates)
         out.append(
             replace(
-                one,
-                directions=min(round(one.directions * more_ordinates), final // 2),
+                setting,
+                directions=min(round(setting.directions * more_ordinates), final // 2),
                 final_directions=final,
-                accuracy_K=one.accuracy_K * nodes**0.5,
-                seed=one.seed + number,
+                accuracy_K=setting.accuracy_K * nodes**0.5,
+                seed=setting.seed + number,
             )
         )
     return out
@@ -123,21 +123,22 @@ def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> Nod
 
     def error(parts: Sequence[Weights | None]) -> Weights | None:
         """Error of the sum; None if a node that scatters has no estimate of its own."""
-        some = next((one for one in parts if one is not None), None)
-        known = [one is not None or not t.scatters for one, t in zip(parts, traces, strict=True)]
-        if some is None or not all(known):
+        present = next((weights for weights in parts if weights is not None), None)
+        pairs = zip(parts, traces, strict=True)
+        complete = [weights is not None or not t.scatters for weights, t in pairs]
+        if present is None or not all(complete):
             return None
-        nothing = some.map(np.zeros_like)
-        return combined([nothing if one is None else one for one in parts])
+        nothing = present.map(np.zeros_like)
+        return combined([nothing if weights is None else weights for weights in parts])
 
-    found = [result.audit for result in traces]
-    sample = next((audit.sample for audit in found if audit is not None), None)
-    one, other = (
-        error([None if audit is None else audit.errors[half] for audit in found]) for half in (0, 1)
+    audits = [result.audit for result in traces]
+    sample = next((audit.sample for audit in audits if audit is not None), None)
+    error_a, error_b = (
+        error([None if audit is None else audit.errors[n] for audit in audits]) for n in (0, 1)
     )
     audit = None
-    if sample is not None and one is not None and other is not None:
-        audit = Audit(sample, (one, other))
+    if sample is not None and error_a is not None and error_b is not None:
+        audit = Audit(sample, (error_a, error_b))
     blur = blur_of(scene)
     spectral = tuple(blur(result.weights) for result in traces)
     return NodeTraces(
@@ -154,7 +155,7 @@ def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> Nod
 def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
     """Steps of the traces in order, with times; `order` of scattering is the last, None: all."""
     counts = result.counts
-    iterations = [one.iterations for one in result.traces if one.iterations is not None]
+    iterations = [node.iterations for node in result.traces if node.iterations is not None]
     samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
     notes = {
         "audit": "of some pixels, by path tracing",
@@ -174,8 +175,8 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
         scattering.append(f"{counts['scattered_rays']} rays started by scattering")
     notes["scattering"] = "; ".join(scattering)
     usual = ("compile", "scattering", "image")
-    others = ("gather", "audit")
-    steps = [*usual, *(name for name in others if name in result.seconds)]
+    optional = ("gather", "audit")
+    steps = [*usual, *(name for name in optional if name in result.seconds)]
     return [
         Stage(name, result.seconds[name], notes.get(name, ""))
         if name in result.seconds

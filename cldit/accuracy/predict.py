@@ -17,7 +17,7 @@ from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
-from cldit.accuracy.richardson import error_at, predicted_error, worst
+from cldit.accuracy.richardson import SAFE, RichardsonEstimate, error_at, predicted_error, worst
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import spectral_K
@@ -35,20 +35,20 @@ _NO_AUDIT = (
 def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocation]:
     """The resolution that a scene needs for a tolerance, and the error allocated to each source."""
     scene = problem.scene
-    first = Resolution.first(scene, ordinates_K=tolerance_K, spectral_K=scene.optics.bound_K)
-    if first.gas_m is not None and problem.spray is not None:
-        gas_m = problem.spray.notes.get("gas_spacing_m", first.gas_m)
-        first = replace(first, gas_m=gas_m).limited("gas grid", "the spray was given")
+    start = Resolution.first(scene, ordinates_K=tolerance_K, spectral_K=scene.optics.bound_K)
+    if start.gas_m is not None and problem.spray is not None:
+        gas_m = problem.spray.notes.get("gas_spacing_m", start.gas_m)
+        start = replace(start, gas_m=gas_m).limited("gas grid", "the spray was given")
     if not scene.transport.audit:
         problem.stages.remark((_NO_AUDIT,))
-        return first, Allocation(tolerance_K, tolerance_K, {})
+        return start, Allocation(tolerance_K, tolerance_K, {})
     allocation = Allocation.of(scene, tolerance_K)
-    resolution, tracer = problem.tracer(_asked(first, scene, allocation))
+    resolution, tracer = problem.tracer(_asked(start, scene, allocation))
     if not problem.is_clear(tracer.prepared):
         with problem.stages.stage("coarse traces of fixed error sources") as note:
-            known = fixed_estimates(problem, tracer)
-            note.append(", ".join(f"{e.cause.name} {e.cause.text}" for e in known) or "none")
-        allocation = allocation.with_known(scene, known).allocated(scene)
+            fixed = fixed_estimates(problem, tracer)
+            note.append(", ".join(f"{e.cause.name} {e.cause.text}" for e in fixed) or "none")
+        allocation = allocation.with_known(scene, fixed).allocated(scene)
         resolution, tracer = problem.tracer(_asked(resolution, scene, allocation))
     if tracer.prepared.is_empty:
         resolution = replace(resolution, depth=tracer.prepared.cube.depth)
@@ -70,15 +70,15 @@ def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Reso
 def _for_spray(
     problem: Problem, resolution: Resolution, allocation: Allocation, tracer: VariantTracer
 ) -> tuple[Resolution, Allocation]:
-    """Chooses the cells, then size classes and lattice for the error that these leave."""
+    """Chooses the cells, then size classes and lattice for their shares of the error."""
     scene, depth = problem.scene, tracer.prepared.cube.depth
     if isinstance(scene.spray, GridSpray):
         cells = Cells(depth, None)
     elif "cells" not in free_sources(scene):
         cells = Cells(depth, predicted_error(tracer, depth)[0])
     else:
-        allocation, found = _choose_cells(problem, resolution, allocation, tracer)
-        cells = found or Cells(depth, None)
+        allocation, chosen = _choose_cells(problem, resolution, allocation, tracer)
+        cells = chosen or Cells(depth, None)
     resolution = resolution.at_depth(cells.depth).limited("cells", cells.limited)
     if resolution.cube_m is not None and resolution.spacing_m is not None:
         resolution = resolution.on_lattice(resolution.spacing_m * cells.less)
@@ -87,17 +87,13 @@ def _for_spray(
             scene, tracer, problem.stages, depth=cells.depth, coarse=max(cells.depth - 1, 0)
         )
         if tracer.prepared.cone is not None:
-            estimates = [one for source in SOURCES if source.of_spray for one in at.of(source)]
-            problem.predicted = {one.cause.name: one for one in estimates}
-    known = {name: one for name, one in problem.predicted.items() if one.error_K is not None}
-    errors_K = {name: one.error_K or 0.0 for name, one in known.items()}
-    before, allocation = allocation, allocation.beside_cells(scene, cells.error_K, errors_K)
-    for name in errors_K if allocation is not before else ():
-        share_K = allocation.shares_K.get(name, errors_K[name])
-        if name in free_sources(scene) and errors_K[name] > share_K:
-            ratio, order = errors_K[name] / share_K, known[name].order
-            finer = BY_NAME[name].finer
-            resolution = finer(resolution, share_K=share_K, ratio=ratio, order=order)
+            estimates = [e for source in SOURCES if source.of_spray for e in at.of(source)]
+            problem.predicted = {e.cause.name: e for e in estimates}
+    for name, estimate in problem.predicted.items():
+        error_K, share_K = estimate.error_K or 0.0, allocation.shares_K.get(name, math.inf)
+        if error_K > share_K:
+            ratio, finer = error_K / share_K, BY_NAME[name].finer
+            resolution = finer(resolution, share_K=share_K, ratio=ratio, order=estimate.order)
     if cells.error_K is not None:
         predicted_K = {**allocation.predicted_K, "cells": cells.error_K}
         allocation = replace(allocation, predicted_K=predicted_K)
@@ -113,13 +109,13 @@ def _choose_cells(
         """Adds errors of fixed sources, on cells twice as large, and those that the image shows."""
         depth = max(tracer.levels)
         fixed = fixed_estimates(problem, tracer, depth=depth - 1)
-        known = allocation.with_known(problem.scene, fixed)
+        with_fixed = allocation.with_known(problem.scene, fixed)
         at = Measurement(
             problem.scene, tracer, problem.stages, depth, depth - 1, resolution=resolution
         )
         shown = {source.name: source.of_image(at, image) for source in SOURCES}
         errors_K = {name: error_K for name, error_K in shown.items() if error_K is not None}
-        return replace(known, predicted_K={**known.predicted_K, **errors_K})
+        return replace(with_fixed, predicted_K={**with_fixed.predicted_K, **errors_K})
 
     with problem.stages.stage("coarse traces") as note:
         chosen = choose_cells(tracer, lambda image: seen(image).cells_K, problem.stages.tell)
@@ -144,7 +140,7 @@ def fixed_estimates(
     scene, prepared = problem.scene, tracer.prepared
     fixed = [source for source in SOURCES if not source.is_free(scene)]
     at = Measurement(scene, tracer, problem.stages, 0, 0)
-    out = [one for source in fixed if not source.of_spray for one in at.of(source)]
+    out = [estimate for source in fixed if not source.of_spray for estimate in at.of(source)]
     of_spray = [source for source in fixed if source.of_spray and source.applies(prepared)]
     depths: Sequence[int] = coarse_depths(tracer) if depth is None else (depth,)
     if isinstance(scene.spray, GridSpray):  # cells smaller than its voxels show no more
@@ -153,16 +149,16 @@ def fixed_estimates(
         at = Measurement(scene, tracer, problem.stages, depth=on, coarse=on)
         try:
             tracer.level(on)
-            out += [one for source in of_spray for one in at.of(source)]
+            out += [estimate for source in of_spray for estimate in at.of(source)]
         except (SprayError, TransportError):  # no cone has the lattice, or cells reach too far
             continue
         break
-    return tuple(one for one in out if one.error_K is not None)
+    return tuple(estimate for estimate in out if estimate.error_K is not None)
 
 
 _FINEST = 12  # 4096 cells along an edge
-_SAFE = 0.92  # of the tolerance, which predicted errors aim at
 _ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
+_MOST = 1.3  # how much larger: cells twice those of `depth` are 1.5 of them, and tell their error
 _CLOSE = 1.1  # of the tolerance: a coarse trace of the image's own cells costs as much as that
 _ACROSS = 32  # cells across the image, of the coarsest trace
 _ALL_HALVINGS = (
@@ -193,6 +189,19 @@ def coarse_depths(tracer: VariantTracer) -> range:
     return range(min(depth, _FINEST - 3), _FINEST - 2)
 
 
+def _times(estimate: RichardsonEstimate, error_K: float) -> float:
+    """Edge of the cells with an error, over that of the cells with an estimate.
+
+    Coarse cells overestimate the order: it is limited for the prediction of finer ones.
+    """
+    if not estimate.error_K:
+        return math.inf
+    ratio = error_K / estimate.error_K
+    if ratio < 1.0:
+        return float(ratio ** (1.0 / min(estimate.order, _ORDER)))
+    return float(max((error_K / estimate.most_K) ** (1.0 / estimate.order), 1.0))
+
+
 def choose_cells(
     tracer: VariantTracer, allowed_K: Callable[[ImagePair], float], say: Callable[[str], None]
 ) -> Cells | None:
@@ -200,7 +209,8 @@ def choose_cells(
 
     `allowed_K` is the error that the cells may have, by an image of theirs. The search ends
     when the error that is predicted for the next finer cells is small enough, so that these are
-    traced once, for the image of the run.
+    traced once, for the image of the run. Cells that were traced for the order alone, and have a
+    smaller error than is needed, leave the image to larger ones.
 
     Raises:
         SprayError: the cone suits none of the coarse lattices.
@@ -223,30 +233,34 @@ def choose_cells(
     while True:
         say(f"coarse trace: cells of {1e3 * cube.at(depth).cell_m:.3g} mm")
         try:
-            both = error_at(tracer, depth)
+            estimates = error_at(tracer, depth)
         except MediumError:
-            before = error_at(tracer, depth - 1)
-            error_K = None if before is None else worst(before).error_K
+            coarser = error_at(tracer, depth - 1)
+            error_K = None if coarser is None else worst(coarser).error_K
             return Cells(depth - 1, error_K, too_many(cube.at(depth).cell_m))
         except SprayError:
             # The finest lattice that suits the cone lies between: the run finds it, step by step.
             return Cells(depth, predicted_error(tracer, depth)[0])
-        if both is None:
+        if estimates is None:
             return None
-        found, tolerance_K = worst(both), allowed_K(tracer.level(depth))
-        error_K, bounds_K = found.error_K, [one.bound_K or 0.0 for one in both]
-        if max(bounds_K) > _CLOSE * tolerance_K and depth < _FINEST:
+        largest, tolerance_K = worst(estimates), allowed_K(tracer.level(depth))
+        error_K = largest.error_K
+        bound_K = max(estimate.bound_K or 0.0 for estimate in estimates)
+        if bound_K > _CLOSE * tolerance_K and depth < _FINEST:
             depth += 1  # outside the asymptotic range: finer cells tell the order
             continue
-        # Coarse cells overestimate the order: it is limited for the prediction of the next.
-        less = (_SAFE * tolerance_K / error_K) ** (1.0 / min(found.order, _ORDER))
+        larger = [estimate.at(2.0) for estimate in estimates]
+        if max(estimate.most_K for estimate in larger) <= tolerance_K:  # such cells were traced
+            return Cells(depth - 1, worst(larger).error_K)
+        less = min(_times(estimate, SAFE * tolerance_K) for estimate in estimates)
         if tracer.prepared.on_lattice and less >= _LEAST:
-            return Cells(depth, _SAFE * tolerance_K, less=min(less, 1.0))
+            less = min(less, _MOST)
+            return Cells(depth, max(estimate.at(less).error_K for estimate in estimates), less=less)
         if error_K <= tolerance_K:
             return Cells(depth, error_K)
         if depth == _FINEST:
             return Cells(depth, error_K, _ALL_HALVINGS)
-        predicted_K = error_K / 2**found.order
+        predicted_K = error_K / 2**largest.order
         if predicted_K <= _CLOSE * tolerance_K:
             return Cells(depth + 1, predicted_K)
         if depth + 1 == _FINEST:

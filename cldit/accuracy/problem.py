@@ -101,7 +101,8 @@ class Problem:
         if self.scene.transport.audit:
             visible = visible_emissivities(self.scene, self.device, prepared)
             settings = [
-                replace(one, visible=least) for one, least in zip(settings, visible, strict=True)
+                replace(setting, visible=emissivity)
+                for setting, emissivity in zip(settings, visible, strict=True)
             ]
             number = prepared.number
             settings[number] = replace(settings[number], subpixels=True, rays_K=resolution.pixels_K)
@@ -113,17 +114,17 @@ class Problem:
         ordinates = (resolution.ordinates_K, resolution.more_ordinates)
         key = (*ordinates, resolution.pixels_K, *resolution.prepared_key)
         if self._tracer is None or self._tracer[0] != key:
-            before = None if self._tracer is None else self._tracer[1]
-            mine = self.settings(resolution, prepared)[prepared.number]
+            previous = None if self._tracer is None else self._tracer[1]
+            node_setting = self.settings(resolution, prepared)[prepared.number]
             self._tracer = (
                 key,
                 VariantTracer.of(
                     self.scene,
                     self.device,
-                    mine,
+                    node_setting,
                     prepared,
                     key=(*ordinates, resolution.spectral_K, resolution.size_classes),
-                    before=before,
+                    previous=previous,
                 ),
             )
         return resolution, self._tracer[1]
@@ -141,13 +142,13 @@ class Problem:
                 if depth is None or depth <= _LEAST_DEPTH or not cells_are_free(self.scene):
                     raise
                 if not on_lattice:
-                    why = too_many(prepared.frame.at(depth).cell_m)
-                    resolution = resolution.at_depth(depth - 1).limited("cells", why)
+                    reason = too_many(prepared.frame.at(depth).cell_m)
+                    resolution = resolution.at_depth(depth - 1).limited("cells", reason)
                     continue
                 assert resolution.spacing_m is not None
-                why = resolution.limits.get("cells") or too_many(resolution.spacing_m)
+                reason = resolution.limits.get("cells") or too_many(resolution.spacing_m)
                 coarser = resolution.on_lattice(_COARSER * resolution.spacing_m)
-                resolution = coarser.limited("cells", why)
+                resolution = coarser.limited("cells", reason)
 
     def is_clear(self, prepared: Prepared) -> bool:
         """True if there is no medium and no patch in front of the camera, so no source of error."""

@@ -19,18 +19,18 @@ from cldit.transport.trace import TraceSettings
 from cldit.transport.trace_cost import TraceCost
 
 
-def refinement(errors: Errors, number: int, most: int) -> tuple[str, ...]:
+def refinement(errors: Errors, number: int, maximum: int) -> tuple[str, ...]:
     """Remark that the image is traced again."""
     largest = errors.largest()
     by = "" if largest is None else f", {largest.text} of it by {largest.name}"
-    return (f"error {errors.text}{by}: refinement {number} of at most {most}",)
+    return (f"error {errors.text}{by}: refinement {number} of at most {maximum}",)
 
 
-def kept(before: Errors, errors: Errors) -> tuple[str, ...]:
+def kept(previous: Errors, errors: Errors) -> tuple[str, ...]:
     """Remark that a refinement is discarded."""
     return (
         f"refinement did not help (error {errors.text}): the previous image is kept "
-        f"({before.text})",
+        f"({previous.text})",
     )
 
 
@@ -41,14 +41,14 @@ def of_trace(scene: Scene, error: TraceError | None) -> Errors:
     return Errors.of([Cause(ORDINATES.name, error.error_K, "", ORDINATES.key(scene))])
 
 
-_SOURCE_OF = {name: one for one in SOURCES for name in (one.name, *one.also)}
+_SOURCE_OF = {name: source for source in SOURCES for name in (source.name, *source.also)}
 
 
 def too_large(
     errors: Errors,
     tolerance_K: float,
     limits: Mapping[str, str],
-    what: str = "stated error",
+    label: str = "stated error",
     *,
     emissivity: float | None = None,
 ) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ def too_large(
         return ()
     source = _SOURCE_OF.get(largest.name)
     remedy = {"": "a larger transport.accuracy_K"} if source is None else source.remedy
-    why = limits.get(largest.name, f"allowed: {remedy.get(largest.fixed, remedy[''])}")
+    advice = limits.get(largest.name, f"allowed: {remedy.get(largest.fixed, remedy[''])}")
     held = f", set by {largest.fixed}" if largest.fixed else ""
     stated, asked = errors.text, f"transport.accuracy_K: {tolerance_K:g}"
     part = largest.text
@@ -71,8 +71,8 @@ def too_large(
         stated, part = f"of emissivity {errors.emissivity_text}", largest.emissivity_text
         asked = f"transport.accuracy_emissivity: {emissivity:.2g}"
     return (
-        f"{what} {stated} RMS, more than {asked} asks for: {largest.name} "
-        f"contribute{'' if largest.name.endswith('s') else 's'} {part}{held}; {why}",
+        f"{label} {stated} RMS, more than {asked} asks for: {largest.name} "
+        f"contribute{'' if largest.name.endswith('s') else 's'} {part}{held}; {advice}",
     )
 
 
@@ -82,8 +82,8 @@ def _promised(scene: Scene, allocation: Allocation, limits: Mapping[str, str]) -
     keys = {name: _SOURCE_OF[name].key(scene) for name in likely_K}
     errors = Errors.of(Cause(name, likely_K[name], "", key) for name, key in keys.items())
     relaxed = f"; the others were set to {free_K:.2g} K" if free_K > tolerance_K else ""
-    found = too_large(errors, tolerance_K, limits, "expected error")
-    return tuple(text + relaxed for text in found)
+    remarks = too_large(errors, tolerance_K, limits, "expected error")
+    return tuple(remark + relaxed for remark in remarks)
 
 
 _LONG_s, _MUCH = 60.0, 0.5  # core seconds, and share of the free memory, that are announced
@@ -107,28 +107,29 @@ def expected(
     `coarse` are the costs of the traces before it; without any, the time is unknown.
     """
     promise = _promised(scene, allocation, limits)
-    found, count = counted(frame, sources, device), len(settings)
-    phase = any(one.phase is not None for one in settings)
-    stored = found.memory_cells * cell_bytes(wavelengths=count, phase=phase)
-    ordinates = sum(one.final_directions for one in settings)
+    counts, count = counted(frame, sources, device), len(settings)
+    phase = any(setting.phase is not None for setting in settings)
+    stored = counts.memory_cells * cell_bytes(wavelengths=count, phase=phase)
+    ordinates = sum(setting.final_directions for setting in settings)
     columns, rows = scene.camera.pixels
-    most = max(coarse, key=lambda one: one.cells, default=None)
-    spent_s = 0.0 if most is None else most.scaled_s(found.swept, ordinates, columns * rows, count)
+    measured = max(coarse, key=lambda cost: cost.cells, default=None)
+    size = counts.swept, ordinates, columns * rows, count
+    spent_s = 0.0 if measured is None else measured.scaled_s(*size)
     if not promise and spent_s <= _LONG_s and stored <= _MUCH * memory_bytes(device):
         return ()
-    each = round(ordinates / count)
+    per_node = round(ordinates / count)
     needs = {
-        "cells": (found.swept / 32**3, f"{found.swept:.2g} cells of {1e3 * frame.cell_m:.2g} mm"),
-        "trace": (each / _FEW_ORDINATES, f"{each} ordinates"),
+        "cells": (counts.swept / 32**3, f"{counts.swept:.2g} cells of {1e3 * frame.cell_m:.2g} mm"),
+        "trace": (per_node / _FEW_ORDINATES, f"{per_node} ordinates"),
         "wavelengths": (float(count), f"{count} wavelength{'' if count == 1 else 's'}"),
     }
     largest = max(needs, key=lambda name: needs[name][0])
     key = BY_NAME[largest].key(scene)
-    why = f"set by {key}" if key else f"for {allocation[largest]:.2g} K"
-    took = "" if most is None else f"{spent_s:.2g} core-s and "
-    product = ", ".join(text for _, text in needs.values())
+    reason = f"set by {key}" if key else f"for {allocation[largest]:.2g} K"
+    took = "" if measured is None else f"{spent_s:.2g} core-s and "
+    product = ", ".join(need for _, need in needs.values())
     return (
         f"expected for the image: {took}{stored / 1e9:.2g} GB, by {product}; most of it by "
-        f"{largest}, {why}",
+        f"{largest}, {reason}",
         *promise,
     )

@@ -55,9 +55,9 @@ class Resolution:
         edge_m, cube_m = scene.domain.edge_m, None
         if lattice_is_cells(scene):  # a first lattice, to learn from
             cube_m, spacing_m = edge_m, _FIRST_LATTICE_m
-        first = cls(ordinates_K, spectral_K, classes, spacing_m, edge_m, cube_m=cube_m)
+        start = cls(ordinates_K, spectral_K, classes, spacing_m, edge_m, cube_m=cube_m)
         gas_m = float(f"{_GAS_PER_K * ordinates_K:.2g}")
-        return first.with_gas(gas_m) if gas_is_free(scene) else first
+        return start.with_gas(gas_m) if gas_is_free(scene) else start
 
     @property
     def prepared_key(self) -> tuple[Any, ...]:
@@ -99,10 +99,10 @@ class Resolution:
         limit = _FINEST_GAS if gas_m < 2 * _FINEST_GAS_m else ""
         return replace(self, gas_m=gas_m).limited("gas grid", limit)
 
-    def limited(self, source: str, why: str) -> Resolution:
+    def limited(self, source: str, reason: str) -> Resolution:
         """Notes why a source cannot be made smaller; with an empty text, that it can."""
-        limits = {name: text for name, text in self.limits.items() if name != source}
-        return replace(self, limits=limits | ({source: why} if why else {}))
+        limits = {name: remedy for name, remedy in self.limits.items() if name != source}
+        return replace(self, limits=limits | ({source: reason} if reason else {}))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for the `plan` of run.json, with the keys of version 0.1.0."""

@@ -11,7 +11,7 @@ asymptotic range, and is beyond an order of 2.5, which chance in the differences
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -23,15 +23,16 @@ from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import SprayError, TransportError
 
 _ORDERS = (1.0, 2.0)
+SAFE = 0.92  # of an error asked for: what cells aim at by an estimate on others
 _OUTSIDE = 2.5  # observed order from which the coarsest grid is outside the asymptotic range
 
 
 @dataclass(frozen=True)
 class RichardsonEstimate:
-    """Error of the finest of three images.
+    """Error of one of three images, the finest if nothing else is said.
 
     order: of convergence. difference: the error, with its map. sizes: of the three images' cells
-    over that of the finest. bound_K: outside the asymptotic range, the larger error by first order
+    over those of the one. bound_K: outside the asymptotic range, the larger error by first order
     from either difference; else None. shown: true if the order is observed between the limits.
     """
 
@@ -44,61 +45,73 @@ class RichardsonEstimate:
     @classmethod
     def of(
         cls,
-        before: ImageDifference,
-        last: ImageDifference,
+        coarse_step: ImageDifference,
+        fine_step: ImageDifference,
         *,
         once: float = 2.0,
         twice: float = 4.0,
     ) -> RichardsonEstimate:
         """Takes two differences of images on cells of h, `once` h and `twice` h.
 
-        With an error of C h^p, `before` (`twice` h against `once` h) is C h^p (twice^p - once^p),
-        and `last` (`once` h against h) is C h^p (once^p - 1).
+        With an error of C h^p, `coarse_step` (`twice` h against `once` h) is C h^p (twice^p -
+        once^p), and `fine_step` (`once` h against h) is C h^p (once^p - 1).
         """
         order, bound_K, shown = _ORDERS[0], None, False
-        if before.error_K and last.error_K:
-            ratio = before.error_K / last.error_K
+        if coarse_step.error_K and fine_step.error_K:
+            ratio = coarse_step.error_K / fine_step.error_K
 
             def above(p: float) -> float:
                 return float((twice**p - once**p) / (once**p - 1.0)) - ratio
 
             low, high = _ORDERS
             if above(_OUTSIDE) < 0.0:
-                bound_K = max(last.error_K / (once - 1.0), before.error_K / (twice - once))
+                steps = (fine_step.error_K, once - 1.0), (coarse_step.error_K, twice - once)
+                bound_K = max(error_K / size for error_K, size in steps)
             elif -1e-6 * ratio <= above(high) <= 0.0:
                 order, shown = high, True
             elif above(low) < 0.0 < above(high):
                 order, shown = float(scipy.optimize.brentq(above, low, high, xtol=1e-6)), True
-        found = last.times(1.0 / (once**order - 1.0))
-        return cls(order, found, (1.0, once, twice), bound_K, shown)
+        error = fine_step.times(1.0 / (once**order - 1.0))
+        return cls(order, error, (1.0, once, twice), bound_K, shown)
+
+    def at(self, size: float) -> RichardsonEstimate:
+        """The error on another of the three grids, `size` times as coarse as the finest."""
+        factor = size**self.order
+        bound_K = None if self.bound_K is None else factor * self.bound_K
+        return replace(self, difference=self.difference.times(factor), bound_K=bound_K)
 
     @property
     def error_K(self) -> float:
         """The error; 0 where no pixel shows it."""
         return self.difference.error_K or 0.0
 
+    @property
+    def most_K(self) -> float:
+        """The larger one of error and bound."""
+        return max(self.error_K, self.bound_K or 0.0)
+
 
 def worst(estimates: Sequence[RichardsonEstimate]) -> RichardsonEstimate:
     """The result with the larger error."""
-    return max(estimates, key=lambda one: one.error_K)
+    return max(estimates, key=lambda estimate: estimate.error_K)
 
 
 def extrapolated(
-    name: str, how: str, fixed: str, found: Sequence[RichardsonEstimate], **more: Any
+    name: str, method: str, fixed: str, estimates: Sequence[RichardsonEstimate], **options: Any
 ) -> Estimate:
     """Error of a source, of the order of the result with the larger one."""
-    how += f", extrapolated by order {found[0].order:.2g}"
-    both = [one.difference for one in found]
-    return Estimate.of(name, both, how, fixed, order=worst(found).order, **more)
+    method += f", extrapolated by order {estimates[0].order:.2g}"
+    differences = [estimate.difference for estimate in estimates]
+    return Estimate.of(name, differences, method, fixed, order=worst(estimates).order, **options)
 
 
 def richardson(
     tracer: VariantTracer, images: Sequence[ImagePair], *, once: float = 2.0, twice: float = 4.0
 ) -> list[RichardsonEstimate]:
     """Estimates of both results from images on cells of h, `once` h and `twice` h."""
-    last, before = (tracer.difference(*pair) for pair in pairwise(images))
-    steps = zip(before, last, strict=True)
-    return [RichardsonEstimate.of(*both, once=once, twice=twice) for both in steps]
+    fine_step, coarse_step = (tracer.difference(*pair) for pair in pairwise(images))
+    steps = zip(coarse_step, fine_step, strict=True)
+    return [RichardsonEstimate.of(*pair, once=once, twice=twice) for pair in steps]
 
 
 def error_at(tracer: VariantTracer, depth: int) -> list[RichardsonEstimate] | None:
@@ -106,18 +119,21 @@ def error_at(tracer: VariantTracer, depth: int) -> list[RichardsonEstimate] | No
     be estimated."""
     if depth < 2:
         return None
-    fine = tracer.level(depth)
+    tracer.level(depth)
     try:
-        (once, coarser), (twice, coarsest) = tracer.coarser(depth)
+        sizes, images = zip(*tracer.grids(depth), strict=True)
     except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
         return None
-    found = richardson(tracer, (fine, coarser, coarsest), once=once, twice=twice)
-    return None if found[0].difference.error_K is None else found
+    finest, once, twice = sizes
+    estimates = richardson(tracer, images, once=once / finest, twice=twice / finest)
+    if estimates[0].difference.error_K is None:
+        return None
+    return [replace(estimate.at(1.0 / finest), sizes=sizes) for estimate in estimates]
 
 
 def predicted_error(tracer: VariantTracer, depth: int) -> tuple[float | None, bool]:
     """Error of T_app by cells, as larger ones predict it, None if unknown; True: an upper bound."""
-    found = error_at(tracer, depth - 1)
-    if found is None:
+    estimates = error_at(tracer, depth - 1)
+    if estimates is None:
         return None, False
-    return found[0].error_K / 2 ** found[0].order, found[0].bound_K is not None
+    return estimates[0].error_K / 2 ** estimates[0].order, estimates[0].bound_K is not None

@@ -49,8 +49,8 @@ class TraceError:
             return (cls(None, unknown="no pixel has an apparent temperature"),)
 
         def errors_K(error: Weights, pixels: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
-            both = maps.emissivity, maps.apparent_temperature_K
-            emissivity, kelvin = (one.reshape(-1)[pixels] for one in both)
+            images = maps.emissivity, maps.apparent_temperature_K
+            emissivity, kelvin = (image.reshape(-1)[pixels] for image in images)
             return result_errors_K(error, emissivity=emissivity, temperature_K=kelvin, scene=scene)
 
         audit, halves = result.audit, np.array(errors_K(result.difference))
@@ -61,10 +61,10 @@ class TraceError:
             pairs = zip(halves_K, maps_K, strict=True)
             return tuple(cls(half_K, unknown=unknown, map_K=map_K) for half_K, map_K in pairs)
         sample, out = audit.sample, []
-        pairs_K = zip(*(errors_K(one, sample.pixels) for one in audit.errors), strict=True)
-        for half_K, map_K, (one, other) in zip(halves_K, maps_K, pairs_K, strict=True):
-            square, doubt = sample.mean_square(one, other, count=count)
-            map_K = _audited_map(maps, sample, one * other, map_K)
+        pairs_K = zip(*(errors_K(error, sample.pixels) for error in audit.errors), strict=True)
+        for half_K, map_K, (half_a, half_b) in zip(halves_K, maps_K, pairs_K, strict=True):
+            square, doubt = sample.mean_square(half_a, half_b, count=count)
+            map_K = _audited_map(maps, sample, half_a * half_b, map_K)
             out.append(cls(half_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K))
         return tuple(out)
 

@@ -31,6 +31,9 @@ from cldit.transport.trace_cost import TraceCost
 from cldit.transport.view import View
 
 _LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
+# That of a finer one: with a ratio r the error by first order is r / (r - 1) times the difference,
+# so that a finer one at 2 has the factor of a coarser one at 1.5.
+_LEAST_FINER = 2.0
 
 
 @dataclass(frozen=True)
@@ -63,67 +66,72 @@ class VariantTracer:
         settings: TraceSettings,
         prepared: Prepared,
         key: Any = None,
-        before: VariantTracer | None = None,
+        previous: VariantTracer | None = None,
     ) -> VariantTracer:
         """A tracer for a medium with the `settings` of its wavelength `prepared.node`.
 
-        Pixels drawn by `before` and its costs are kept, and its images if its `key` is the same.
+        Pixels drawn by `previous` and its costs are kept, and its images if its `key` is the same.
         """
-        mine = replace(settings, method="source", audit=False, subpixels=False)
-        temperature = temperature_of(scene, prepared, visible=mine.visible)
+        own_settings = replace(settings, method="source", audit=False, subpixels=False)
+        temperature = temperature_of(scene, prepared, visible=own_settings.visible)
         drawn = None
         if not all_are_traced(scene.camera.pixels):
-            drawn = None if before is None else before.drawn
+            drawn = None if previous is None else previous.drawn
             if drawn is None:
                 _, emissivity = previewed(scene, device, prepared)
                 background = temperature.sees_background
-                drawn = DrawnPixels.of(background, emissivity, seed=mine.seed)
+                drawn = DrawnPixels.of(background, emissivity, seed=own_settings.seed)
             temperature = temperature.picked(drawn.sample.pixels)
-            mine = replace(mine, rays_K=None)  # which depend on the whole image
+            own_settings = replace(own_settings, rays_K=None)  # which depend on the whole image
         return cls(
             scene=scene,
             device=device,
-            settings=replace(mine, subpixels=drawn is None and mine.rays_K is None),
+            settings=replace(own_settings, subpixels=drawn is None and own_settings.rays_K is None),
             prepared=prepared,
             drawn=drawn,
             temperature=temperature,
-            earlier={} if before is None else before._reusable(key, prepared),
+            earlier={} if previous is None else previous._reusable(key, prepared),
             key=key,
-            costs=[] if before is None else before.costs,
+            costs=[] if previous is None else previous.costs,
         )
 
     def _reusable(self, key: Any, prepared: Prepared) -> dict[float, ImagePair]:
         """Images by the cells' edge in m, if only the cone's lattice differs. Wavelengths are
         chosen for each spray, so the wavelength must be the same."""
-        mine = self.prepared
-        if not mine.on_lattice or self.key != key or mine.node != prepared.node:
+        present = self.prepared
+        if not present.on_lattice or self.key != key or present.node != prepared.node:
             return {}
-        levels = {mine.cube.at(depth).cell_m: image for depth, image in self.levels.items()}
-        return {**self.earlier, **levels}
+        return {**self.earlier, **self._by_edge_m()}
 
-    def coarser(self, depth: int) -> tuple[tuple[float, ImagePair], tuple[float, ImagePair]]:
-        """Images on two coarser grids, about twice and four times the cell size at `depth`.
+    def _by_edge_m(self) -> dict[float, ImagePair]:
+        """Images of the medium itself by the cells' edge in m."""
+        return {self.prepared.cube.at(n).cell_m: image for n, image in self.levels.items()}
 
-        Earlier images are used where their size fits. Each comes with the ratio of its cell size,
-        the finer first. Raises MediumError without enough memory, SprayError if no cone has such a
-        lattice.
+    def grids(self, depth: int) -> list[tuple[float, ImagePair]]:
+        """Images on three grids, the finest first, with the sizes of their cells over those at
+        `depth`, which are among them.
+
+        A finer image that is there is used, with a coarser one; else the other two are about twice
+        and four times as coarse. Raises MediumError without enough memory, SprayError if no cone
+        has such a lattice.
         """
-        cell_m = self.prepared.cube.at(depth).cell_m
-        sizes_m: list[float] = []
+        image, cell_m = self.level(depth), self.prepared.cube.at(depth).cell_m
+        by_edge_m = {**self.earlier, **self._by_edge_m()}
+        images = {edge_m / cell_m: pair for edge_m, pair in by_edge_m.items()}
+        half = [size for size in images if 1 / _MOST <= size <= (1 + 1e-9) / _LEAST_FINER]
+        sizes: list[float] = []
         for _ in range(2):
-            finer_m = sizes_m[-1] if sizes_m else cell_m
-            like = [one for one in self.earlier if _LEAST <= one / finer_m <= _MOST]
-            if not like:
-                break
-            sizes_m.append(min(like))
-        if len(sizes_m) == 2:
-            first, second = ((one / cell_m, self.earlier[one]) for one in sizes_m)
-            return first, second
-        second, first = ((2.0**up, self.level(depth - up)) for up in (2, 1))
-        return first, second
+            alike = [size for size in images if _LEAST <= size / (sizes or [1.0])[-1] <= _MOST]
+            sizes += [min(alike)] if alike else []
+        if half and sizes:
+            return [(max(half), images[max(half)]), (1.0, image), (sizes[0], images[sizes[0]])]
+        if len(sizes) == 2:
+            return [(1.0, image), *((size, images[size]) for size in sizes)]
+        four, twice = ((2.0**up, self.level(depth - up)) for up in (2, 1))
+        return [(1.0, image), twice, four]
 
     def level(self, depth: int) -> ImagePair:
-        """Image of the medium itself, its cube halved `depth` times; raises as `coarser`."""
+        """Image of the medium itself, its cube halved `depth` times; raises as `grids`."""
         if depth not in self.levels:
             self.levels[depth] = self._traced(self._sources(depth), depth, self.settings)
         return self.levels[depth]
@@ -136,14 +144,14 @@ class VariantTracer:
         self._refuse_large(cone)
         return self.prepared.resprayed(cone)
 
-    def _refuse_large(self, wanted: ConeSpray) -> None:
+    def _refuse_large(self, finer: ConeSpray) -> None:
         points, cone = self.prepared.sources[0], self.prepared.cone
         if points is None or cone is None:
             return
         finest_m = finest_lattice_m(cone.lattice_m, parcels=len(points.position_m), wavelengths=1)
-        if wanted.lattice_m < finest_m:
+        if finer.lattice_m < finest_m:
             raise MediumError(
-                f"spray.spacing_m: {wanted.lattice_m:.3g}; the finest lattice whose parcels fit "
+                f"spray.spacing_m: {finer.lattice_m:.3g}; the finest lattice whose parcels fit "
                 f"the memory is {finest_m:.3g}"
             )
 
@@ -164,7 +172,7 @@ class VariantTracer:
     ) -> ImagePair:
         """Image of the medium itself with other `settings`, traced once for a name and depth.
 
-        `split` takes the place of `domain.optical_depth_split`. Raises as `coarser`.
+        `split` takes the place of `domain.optical_depth_split`. Raises as `grids`.
         """
         if (name, depth) not in self.variants:
             self.variants[name, depth] = self._alike(self._sources(depth), depth, settings, split)
@@ -174,9 +182,9 @@ class VariantTracer:
         self, sources: Sources, depth: int, settings: Mapping[str, Any], split: float | None = None
     ) -> ImagePair:
         """Image by the same rays as that of the medium itself."""
-        other = replace(self.settings, subpixels=False, rays_K=None, **settings)
+        varied = replace(self.settings, subpixels=False, rays_K=None, **settings)
         like = self.levels.get(depth)
-        return self._traced(sources, depth, other, split, None if like is None else like.rays)
+        return self._traced(sources, depth, varied, split, None if like is None else like.rays)
 
     def _traced(
         self,
@@ -191,7 +199,7 @@ class VariantTracer:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         (tree,) = self.prepared.octrees(frame, [sources], split)
         pixels = None if self.drawn is None else self.drawn.sample.pixels
-        found, cost = TraceCost.measured(
+        result, cost = TraceCost.measured(
             self.device,
             counted(frame, sources, self.device).swept,
             settings,
@@ -199,7 +207,7 @@ class VariantTracer:
             chance=None if self.drawn is None else self.drawn.chance,
         )
         self.costs.append(cost)
-        return ImagePair.of(found)
+        return ImagePair.of(result)
 
     def picked(self, result: Trace) -> ImagePair:
         """The drawn pixels of an image of the whole run, by the rays of this tracer's images."""
@@ -210,10 +218,10 @@ class VariantTracer:
         return image.map(self.drawn.pick)
 
     def difference(
-        self, one: ImagePair, other: ImagePair
+        self, image_a: ImagePair, image_b: ImagePair
     ) -> tuple[ImageDifference, ImageDifference]:
         """Differences of the results of two images of the drawn pixels; maps of the whole image."""
-        return ImageDifference.between(self.temperature, one, other, self.drawn)
+        return ImageDifference.between(self.temperature, image_a, image_b, self.drawn)
 
     def noise_K(self, image: ImagePair) -> float | None:
         """RMS error of an image of the drawn pixels by its halves; None: no pixel has one."""

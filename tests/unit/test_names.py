@@ -24,6 +24,7 @@ WORDS = frozenset(
     """.split()
 )
 FINISHED: dict[str, str] = {
+    "accuracy": "how why",  # of an error by source, as stored with a run
     "acquisition": "first last",  # images and shots by their order
     "api": "one other",  # of `cldit.separate`
     "bench": "text",  # of a part of the page
@@ -48,7 +49,6 @@ FINISHED: dict[str, str] = {
     "transport": "first known",  # of a range; of gradients that precede those from neighbours
 }
 SHARES: dict[str, float] = {
-    "accuracy": 16.0,
     "show": 11.0,
 }
 

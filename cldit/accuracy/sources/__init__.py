@@ -22,4 +22,4 @@ SOURCES: tuple[ErrorSource, ...] = (
     GATHER,
     VAPOUR_CELLS,
 )
-BY_NAME: Mapping[str, ErrorSource] = {one.name: one for one in SOURCES}
+BY_NAME: Mapping[str, ErrorSource] = {source.name: source for source in SOURCES}

@@ -19,6 +19,9 @@ from cldit.scene.spray import ConeSpray
 
 # A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
 NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
+# Cells of a trace that estimates one error alone. With 48 ordinates they take some 6 core-s (3.5
+# for 2.3e6 cells of gdi-cone), more than the image of most scenes.
+MOST_SWEPT = 4e6
 
 
 @dataclass
@@ -29,7 +32,7 @@ class Measurement:
     errors are estimated that do not depend on the cells. resolution: of the image. image: of the
     run at the tracer's wavelength; None before it is traced. exact: True if it has no error that
     `path` would not see. trace_errors: its own; empty if nothing scatters. predicted: earlier
-    estimates. found: estimates by source, each made once.
+    estimates. estimates: by source, each made once.
     """
 
     scene: Scene
@@ -42,7 +45,7 @@ class Measurement:
     exact: bool = False
     trace_errors: Sequence[TraceError] = ()
     predicted: Mapping[str, Estimate] = field(default_factory=dict)
-    found: dict[str, Sequence[Estimate]] = field(default_factory=dict)
+    estimates: dict[str, Sequence[Estimate]] = field(default_factory=dict)
 
     @property
     def prepared(self) -> Prepared:
@@ -51,18 +54,18 @@ class Measurement:
 
     def of(self, source: ErrorSource) -> Sequence[Estimate]:
         """Estimates of a source."""
-        if source.name not in self.found:
+        if source.name not in self.estimates:
             estimated = source.predict if self.image is None else source.estimate
             by = source.shared_by
-            self.found[source.name] = [
-                replace(one, cause=replace(one.cause, shared_by=by)) for one in estimated(self)
+            self.estimates[source.name] = [
+                replace(e, cause=replace(e.cause, shared_by=by)) for e in estimated(self)
             ]
-        return self.found[source.name]
+        return self.estimates[source.name]
 
     def errors_K(self, source: ErrorSource) -> tuple[float | None, float | None]:
         """Errors of both results by a source that another depends on; None: unknown."""
-        found = (one.errors_K for one in self.of(source) if one.cause.name == source.name)
-        return next(found, (None, None))
+        errors_K = (e.errors_K for e in self.of(source) if e.cause.name == source.name)
+        return next(errors_K, (None, None))
 
     def on_lattice(self, up: int) -> tuple[ConeSpray, ImagePair]:
         """The cone on a lattice so much coarser, and its image; raises `NO_COARSER_LATTICE`."""
@@ -73,13 +76,14 @@ class Measurement:
         return wider, self.tracer.variant(name, lambda: self.prepared.resprayed(wider), self.coarse)
 
 
-def remedies(text: str, key: str = "", **others: str) -> Mapping[str, str]:
+def remedies(advice: str, key: str = "", **further: str) -> Mapping[str, str]:
     """Advice that makes an error smaller, by the key that fixes it; "": by any other, or none.
 
-    Without the `key` the run chooses by itself. `others` have __ in place of dots.
+    Without the `key` the run chooses by itself. `further` have __ in place of dots.
     """
-    by_key = {key: f"{text}, or none, so that the run chooses"} if key else {}
-    return {"": text} | by_key | {one.replace("__", "."): what for one, what in others.items()}
+    by_key = {key: f"{advice}, or none, so that the run chooses"} if key else {}
+    by_key |= {name.replace("__", "."): remedy for name, remedy in further.items()}
+    return {"": advice} | by_key
 
 
 class ErrorSource(ABC):
@@ -130,7 +134,7 @@ class ErrorSource(ABC):
     def estimate(self, at: Measurement) -> Sequence[Estimate]:
         """Errors of the image by this source; none where the scene does not have it."""
 
-    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+    def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         """A resolution that makes an error, `ratio` times its share and of an order, its share;
         sources with a `cost_power` have one."""
         raise TypeError(f"{self.name}: no resolution makes this error smaller")

@@ -1,8 +1,8 @@
 """Errors by wavelengths, cells and ordinates, whose numbers multiply each other's cost.
 
 The error of the wavelengths is estimated where they are chosen; that of the cells by Richardson
-extrapolation from two coarser grids; that of ordinates, iteration and final gather from the halves
-of the trace and its audit.
+extrapolation from images on three grids; that of ordinates, iteration and final gather from the
+halves of the trace and its audit.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from dataclasses import replace
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, cells_are_free
-from cldit.accuracy.richardson import error_at, extrapolated, predicted_error
-from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
+from cldit.accuracy.richardson import SAFE, error_at, extrapolated, predicted_error
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.trace_error import TraceError
 from cldit.medium.resolution import counted, in_whole_cells
@@ -23,8 +23,6 @@ from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
 
-_FINER_CELLS = 4e6  # swept, in a trace that estimates the error of a grid's voxels
-_SAFE = 0.9  # of the share, which a finer lattice aims at
 _FEWEST_K = 0.4  # for which, and for any larger error, a trace has its fewest ordinates
 _LEAST_MORE = 2.0  # times the ordinates of a trial: less is lost in the audit's own error
 
@@ -49,12 +47,12 @@ class _Wavelengths(ErrorSource):
         chosen = at.prepared.properties.chosen
         if not chosen.errors_K:
             return []
-        how = f"{len(chosen.nodes)} nodes against more, on lines of sight through the spray"
-        cause = Cause(self.name, chosen.error_K, how, self.key(at.scene))
+        method = f"{len(chosen.nodes)} nodes against more, on lines of sight through the spray"
+        cause = Cause(self.name, chosen.error_K, method, self.key(at.scene))
         return [Estimate(cause, kelvin_per_emissivity(at.scene) * chosen.error_emissivity)]
 
-    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
-        return replace(now, spectral_K=_bounded(share_K))
+    def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        return replace(old, spectral_K=_bounded(share_K))
 
 
 def spectral_K(scene: Scene, share_K: float) -> float:
@@ -103,44 +101,44 @@ class _Cells(ErrorSource):
         fixed = self.key(at.scene)
         if isinstance(at.scene.spray, GridSpray):
             return [self._by_finer(at, fixed)]
-        at.stages.tell("errors: larger cells")
-        found = error_at(at.tracer, at.depth)
-        if found is None:
-            why = "too few halvings of the cube to compare" if at.depth < 2 else NO_PIXEL
-            return [Estimate.unknown(self.name, why, fixed)]
+        at.stages.tell("errors: other cells")
+        estimates = error_at(at.tracer, at.depth)
+        if estimates is None:
+            reason = "too few halvings of the cube to compare" if at.depth < 2 else NO_PIXEL
+            return [Estimate.unknown(self.name, reason, fixed)]
         cell_mm = 1e3 * at.prepared.cube.at(at.depth).cell_m
-        sizes = ", ".join(f"{cell_mm * up:.3g}" for up in found[0].sizes)
-        what = "cone and cells" if at.prepared.on_lattice else "cells"
-        out = [extrapolated(self.name, f"{what} of {sizes} mm", fixed, found)]
-        if fixed and not found[0].shown:
-            why = f"cells of {sizes} mm show no order of convergence between 1 and 2"
-            out.append(Estimate.unknown(self.also[0], why, fixed))
+        sizes = ", ".join(f"{cell_mm * up:.3g}" for up in estimates[0].sizes)
+        subject = "cone and cells" if at.prepared.on_lattice else "cells"
+        out = [extrapolated(self.name, f"{subject} of {sizes} mm", fixed, estimates)]
+        if fixed and not estimates[0].shown:
+            reason = f"cells of {sizes} mm show no order of convergence between 1 and 2"
+            out.append(Estimate.unknown(self.also[0], reason, fixed))
         return out
 
     def _by_finer(self, at: Measurement, fixed: str) -> Estimate:
         """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""
         cube = at.prepared.cube
         cells = 8 * counted(cube, at.prepared.sources, at.tracer.device).swept
-        if cells > _FINER_CELLS:
-            why = (
+        if cells > MOST_SWEPT:
+            reason = (
                 f"cells half as large are {cells:.2g}, which would take longer than the image; "
                 "compare with a run of half the domain.leaf_edge_m"
             )
-            return Estimate.unknown(self.name, why, fixed)
+            return Estimate.unknown(self.name, reason, fixed)
         at.stages.tell("errors: cells half as large")
-        found = at.tracer.difference(at.tracer.level(at.depth), at.tracer.level(at.depth + 1))
+        differences = at.tracer.difference(at.tracer.level(at.depth), at.tracer.level(at.depth + 1))
         h_mm = 1e3 * cube.at(at.depth).cell_m
-        how = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
-        return Estimate.of(self.name, [one.times(2.0) for one in found], how, fixed)
+        method = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
+        return Estimate.of(self.name, [step.times(2.0) for step in differences], method, fixed)
 
-    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
-        if now.depth is None:
-            return now
-        if now.cube_m is None:
-            return now.at_depth(now.depth + 1)
-        assert now.spacing_m is not None
-        less = (_SAFE / ratio) ** (1.0 / order)
-        return now.on_lattice(now.spacing_m * max(less, 0.5))
+    def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        if old.depth is None:
+            return old
+        if old.cube_m is None:
+            return old.at_depth(old.depth + 1)
+        assert old.spacing_m is not None
+        less = (SAFE / ratio) ** (1.0 / order)
+        return old.on_lattice(old.spacing_m * max(less, 0.5))
 
 
 def _exact(prepared: Prepared, depth: int, scene: Scene) -> bool:
@@ -179,28 +177,29 @@ class _Ordinates(ErrorSource):
         if not at.trace_errors:
             return []
         key = self.key(at.scene)
-        found, *rest = beyond(at)
-        if found.error_K is None:
-            return [Estimate.unknown(self.name, found.unknown, key)]
-        how = "half the difference of two images, each by half of the ordinates or samples"
-        if found.audit_K is not None:
-            how = "some pixels traced by `path` as well, one standard error added, less the cells'"
-        how += "; contains ordinates, iteration and gather"
-        maps_K = [one.map_K for one in (found, *rest) if one.map_K is not None]
-        out = [Estimate(Cause(self.name, found.error_K, how, key), rest[0].error_K, maps_K)]
-        return out + ([Estimate.unknown("audit", found.unknown, key)] if found.unknown else [])
+        temperature, *rest = beyond(at)
+        if temperature.error_K is None:
+            return [Estimate.unknown(self.name, temperature.unknown, key)]
+        method = "half the difference of two images, each by half of the ordinates or samples"
+        if temperature.audit_K is not None:
+            method = "some pixels traced by `path`, one standard error added, less the cells'"
+        method += "; contains ordinates, iteration and gather"
+        maps_K = [error.map_K for error in (temperature, *rest) if error.map_K is not None]
+        cause, unknown = Cause(self.name, temperature.error_K, method, key), temperature.unknown
+        out = [Estimate(cause, rest[0].error_K, maps_K)]
+        return out + ([Estimate.unknown("audit", unknown, key)] if unknown else [])
 
-    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+    def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         finer = ratio**self.cost_power
-        now_K, then_K = now.ordinates_K, now.ordinates_K / finer
-        more = finer * max(1.0, _FEWEST_K / now_K) / max(1.0, _FEWEST_K / then_K)
-        more *= now.more_ordinates
-        return replace(now, ordinates_K=then_K, more_ordinates=more)
+        now_K, then_K = old.ordinates_K, old.ordinates_K / finer
+        factor = finer * max(1.0, _FEWEST_K / now_K) / max(1.0, _FEWEST_K / then_K)
+        factor *= old.more_ordinates
+        return replace(old, ordinates_K=then_K, more_ordinates=factor)
 
     def denser(self, resolution: Resolution, ratio: float) -> Resolution:
         """More ordinates with as many paths: a trial for an error that both halves share."""
-        more = max(ratio**self.cost_power, _LEAST_MORE)
-        return replace(resolution, more_ordinates=more * resolution.more_ordinates)
+        factor = max(ratio**self.cost_power, _LEAST_MORE)
+        return replace(resolution, more_ordinates=factor * resolution.more_ordinates)
 
 
 def beyond(at: Measurement) -> tuple[TraceError, ...]:
@@ -209,8 +208,8 @@ def beyond(at: Measurement) -> tuple[TraceError, ...]:
     `path` samples sources within cells, and follows rays to a cutoff of its own.
     """
     stated = zip(*map(at.errors_K, (CELLS, CUTOFF, GATHER)), strict=True)
-    both = zip(at.trace_errors, stated, strict=False)
-    return tuple(one.beyond(math.hypot(*(e or 0.0 for e in errors))) for one, errors in both)
+    pairs = zip(at.trace_errors, stated, strict=False)
+    return tuple(error.beyond(math.hypot(*(e or 0.0 for e in errors))) for error, errors in pairs)
 
 
 WAVELENGTHS, CELLS, ORDINATES = _Wavelengths(), _Cells(), _Ordinates()

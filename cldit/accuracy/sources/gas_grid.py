@@ -98,19 +98,19 @@ class _GasGrid(ErrorSource):
         if at.prepared.on_lattice or at.prepared.is_empty:
             return []
         twice, four = (f"{1e3 * up * cone.lattice_m:.3g}" for up in (2, 4))
-        why = (
+        reason = (
             f"no estimate from lattices of {twice} and {four} mm, which do not resolve the plumes "
             f"or reach out of the domain; allowed: a smaller {_CONE_KEY}"
         )
-        return [Estimate.unknown(self.name, why, _CONE_KEY)]
+        return [Estimate.unknown(self.name, reason, _CONE_KEY)]
 
-    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
-        if now.gas_m is not None:
-            return now.with_gas(now.gas_m / 2)  # the sprays on its coarser cells are there
-        if now.spacing_m is None:
-            return now
-        spacing_m = now.spacing_m / ratio ** (1.0 / order)
-        return replace(now, spacing_m=max(spacing_m, _FINEST_LATTICE_m))
+    def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        if old.gas_m is not None:
+            return old.with_gas(old.gas_m / 2)  # the sprays on its coarser cells are there
+        if old.spacing_m is None:
+            return old
+        spacing_m = old.spacing_m / ratio ** (1.0 / order)
+        return replace(old, spacing_m=max(spacing_m, _FINEST_LATTICE_m))
 
     def _lattice(self, at: Measurement) -> list[Estimate]:
         cone, tracer = at.prepared.cone, at.tracer
@@ -120,46 +120,47 @@ class _GasGrid(ErrorSource):
             coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))
         except NO_COARSER_LATTICE:
             return []
-        found = richardson(tracer, (tracer.level(at.coarse), coarser, coarsest))
+        estimates = richardson(tracer, (tracer.level(at.coarse), coarser, coarsest))
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
-        how, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
-        more = {"at_most": found[0].bound_K is not None, "size": cone.lattice_m}
-        return [extrapolated(self.name, how, key, found, **more)]
+        method, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
+        options = {"at_most": estimates[0].bound_K is not None, "size": cone.lattice_m}
+        return [extrapolated(self.name, method, key, estimates, **options)]
 
     def _grid(self, at: Measurement) -> list[Estimate]:
         fixed, spec = self.key(at.scene), at.prepared.spec
         if not isinstance(spec, LagrangianSpray):
-            why = "the gas comes on one grid alone; compare with a run from a finer one"
-            return [*self._imported(at), Estimate.unknown(ORDER, why, fixed)]
-        found = self._traced(at, spec, 2)
-        if isinstance(found, str):
-            return [Estimate.unknown(self.name, found, fixed)]
-        first, head_m = found
+            reason = "the gas comes on one grid alone; compare with a run from a finer one"
+            return [*self._imported(at), Estimate.unknown(ORDER, reason, fixed)]
+        twice = self._traced(at, spec, 2)
+        if isinstance(twice, str):
+            return [Estimate.unknown(self.name, twice, fixed)]
+        image_2h, head_m = twice
         heads_m = [at.prepared.spray.notes[_HEAD], head_m]
         tracer = at.tracer
         image = tracer.level(at.depth)
-        last = tracer.difference(image, first)
+        fine_steps = tracer.difference(image, image_2h)
         h_mm = 1e3 * spec.box.cell_m
-        how = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
+        method = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
         again = self._traced(at, spec, 4)
         rests: list[Rest | str]
         if isinstance(again, str):
             rests = [again]
         else:
-            second, head_m = again
+            image_4h, head_m = again
             heads_m.append(head_m)
-            steps = last, tracer.difference(first, second), tracer.difference(image, second)
-            rests = [Rest.of(*(one.error_K for one in each)) for each in zip(*steps, strict=True)]
-        left = rests[0]
+            coarse_steps, sums = (tracer.difference(i, image_4h) for i in (image_2h, image))
+            triples = zip(fine_steps, coarse_steps, sums, strict=True)
+            rests = [Rest.of(*(step.error_K for step in triple)) for triple in triples]
+        remainder = rests[0]
         figures = {_HEAD: head_error_m(heads_m)}
-        if isinstance(left, str):
-            stated = Estimate.of(self.name, last, how, fixed)
-            return [replace(stated, figures=figures), Estimate.unknown(ORDER, left, fixed)]
-        how += f", times {left.factor:.2g}: {left.text}"
-        known = (left if isinstance(one, str) else one for one in rests)
-        errors = [step.times(rest.factor) for step, rest in zip(last, known, strict=True)]
+        if isinstance(remainder, str):
+            stated = Estimate.of(self.name, fine_steps, method, fixed)
+            return [replace(stated, figures=figures), Estimate.unknown(ORDER, remainder, fixed)]
+        method += f", times {remainder.factor:.2g}: {remainder.text}"
+        factors = ((remainder if isinstance(rest, str) else rest).factor for rest in rests)
+        errors = [step.times(factor) for step, factor in zip(fine_steps, factors, strict=True)]
         h_m = spec.box.cell_m
-        stated = Estimate.of(self.name, errors, how, fixed, order=left.order, size=h_m)
+        stated = Estimate.of(self.name, errors, method, fixed, order=remainder.order, size=h_m)
         return [replace(stated, figures=figures)]
 
     def _imported(self, at: Measurement) -> list[Estimate]:
@@ -173,13 +174,13 @@ class _GasGrid(ErrorSource):
             at.stages.tell(f"errors: {name}")
             larger = replace(at.prepared.spray, vapour=reconstructed(gas))
             try:
-                made = at.tracer.variant(name, partial(at.prepared.sources_of, larger), at.depth)
+                image = at.tracer.variant(name, partial(at.prepared.sources_of, larger), at.depth)
             except (MediumError, TransportError) as error:  # larger cells reach further
                 return [Estimate.unknown(self.name, f"{name}: {error}")]
-            images.append(made)
-        how = "gas averaged over cells twice and four times as large, linear in all"
+            images.append(image)
+        method = "gas averaged over cells twice and four times as large, linear in all"
         key = self.key(at.scene)
-        return [extrapolated(self.name, how, key, richardson(at.tracer, images))]
+        return [extrapolated(self.name, method, key, richardson(at.tracer, images))]
 
     def _traced(
         self, at: Measurement, spec: LagrangianSpray, up: int

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from cldit.accuracy.errors import OMISSION, Estimate
-from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import counted
 from cldit.prepare.medium import Prepared
@@ -18,18 +18,17 @@ from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
 from cldit.scene.vessel import Domain
 
-_MOST_CELLS = 4e6  # swept, on which all orders are solved; more take longer than most images
 _SPLIT = float(Domain.model_fields["optical_depth_split"].default)
 
 
 class Omission(ErrorSource):
     """A key that omits physics, a row of the table below.
 
-    omits: True if a scene omits something. how: both images, with {} for the scene's value. whole:
-    settings of a trace without it, or `split`: the optical depth at which its cells are divided.
-    of_gas: the error depends on the absorption of gas, which changes by orders of magnitude with
-    the wavelength. costly: all else costs many times the image, so that larger cells are compared,
-    of a grid its voxels.
+    omits: True if a scene omits something. method: both images, with {} for the scene's value.
+    complete: settings of a trace without it, or `split`: the optical depth at which its cells are
+    divided. of_gas: the error depends on the absorption of gas, which changes by orders of
+    magnitude with the wavelength. costly: all else costs many times the image, so that larger cells
+    are compared, of a grid its voxels.
     """
 
     of_spray = True
@@ -39,17 +38,17 @@ class Omission(ErrorSource):
         self,
         name: str,
         key: str,
-        how: str,
+        method: str,
         remedy: str,
         omits: Callable[[Scene], bool],
-        whole: Mapping[str, Any],
+        complete: Mapping[str, Any],
         *,
         split: float | None = None,
         of_gas: bool = False,
         costly: bool = False,
     ) -> None:
-        self.name, self.fixed_by, self.how, self.remedy = name, key, how, remedies(remedy)
-        self.omits, self.whole, self.split = omits, whole, split
+        self.name, self.fixed_by, self.method, self.remedy = name, key, method, remedies(remedy)
+        self.omits, self.complete, self.split = omits, complete, split
         self.of_gas, self.costly = of_gas, costly
 
     def key(self, scene: Scene) -> str:
@@ -70,35 +69,35 @@ class Omission(ErrorSource):
         if not self.applies(at.prepared):
             return []
         if self is CUTOFF and method != "source" and at.trace_errors:
-            why = f"method {method} ends rays at every scattering"  # `path` has one of its own
-            return [] if method == "path" else [Estimate.unknown(self.name, why, self.fixed_by)]
+            reason = f"method {method} ends rays at every scattering"  # `path` has one of its own
+            return [] if method == "path" else [Estimate.unknown(self.name, reason, self.fixed_by)]
         cells = counted(at.prepared.cube.at(at.depth), at.prepared.sources, at.tracer.device).swept
-        fine = isinstance(at.scene.spray, GridSpray) and cells <= _MOST_CELLS
+        fine = isinstance(at.scene.spray, GridSpray) and cells <= MOST_SWEPT
         return self._stated(at, at.depth if fine or not self.costly else at.coarse)
 
     def _stated(self, at: Measurement, depth: int) -> list[Estimate]:
         out = [self._compared(at, depth)]
         nodes = len(at.prepared.properties.chosen.quadrature.nodes)
         if self.of_gas and nodes > 1 and at.prepared.sources[1]:
-            why = f"compared at one of {nodes} wavelengths; gas may be opaque at others"
+            reason = f"compared at one of {nodes} wavelengths; gas may be opaque at others"
             name = f"{self.name} at other wavelengths"
-            out.append(Estimate.unknown(name, why, self.fixed_by))
+            out.append(Estimate.unknown(name, reason, self.fixed_by))
         return out
 
     def _compared(self, at: Measurement, depth: int) -> Estimate:
         at.stages.tell(f"errors: {self.name}")
         tracer = at.tracer
         try:
-            given = tracer.level(depth)
-            whole = tracer.changed(self.name, depth, self.whole, split=self.split)
+            image = tracer.level(depth)
+            complete = tracer.changed(self.name, depth, self.complete, split=self.split)
         except (MediumError, SprayError, TransportError) as error:
-            why = f"the image that omits nothing cannot be traced: {error}"
-            return Estimate.unknown(self.name, why, self.fixed_by)
+            reason = f"the image that omits nothing cannot be traced: {error}"
+            return Estimate.unknown(self.name, reason, self.fixed_by)
         cell_mm = 1e3 * at.prepared.cube.at(depth).cell_m
         section, name = self.fixed_by.split(".")
         value = getattr(getattr(at.scene, section), name)
-        how = f"{self.how.format(value)}, on cells of {cell_mm:.3g} mm"
-        return Estimate.of(self.name, tracer.difference(given, whole), how, self.fixed_by)
+        method = f"{self.method.format(value)}, on cells of {cell_mm:.3g} mm"
+        return Estimate.of(self.name, tracer.difference(image, complete), method, self.fixed_by)
 
 
 ORDERS = Omission(

@@ -7,7 +7,7 @@ classes, on cells twice as large as those of the image.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,35 +25,27 @@ _SEED = 1  # of the halves
 _OF_WIDTH = 4.0 / 3.0
 # Split-half estimates of 13,700 parcels of gdi-flow are 0.9 of the scatter between seeds, those of
 # 6,900 are 0.67 (docs/errors.md): the halves share a gas that few parcels drive more randomly.
-_FEWEST = 13_000
+_FEWEST_PARCELS = 13_000
 _MOST_CLASSES = 64
 
 
-@dataclass(frozen=True)
-class ParcelVariants:
-    """Sources of one wavelength with other parcels; see `cldit.medium.cloud.Variants`.
+# Sources of either half of the parcels, and of narrower clouds, None for parcels that come with an
+# extent; sampling error over the difference of the halves.
+ParcelVariants = tuple[tuple[Sources, Sources], Sources | None, float]
 
-    sampling: sampling error over the difference of the halves. narrower: None for parcels that
-    come with an extent.
-    """
 
-    halves: tuple[Sources, Sources]
-    narrower: Sources | None
-    sampling: float
-
-    @classmethod
-    def of(cls, prepared: Prepared) -> ParcelVariants:
-        """The variants of a spray whose parcels are a sample."""
-        made, spray = prepared.made, prepared.spray
-        assert made.parcels is not None and spray.parcels is not None
-        if spray.parcels.extent is None or made.parcels.extent is not None:
-            both = halves(spray.parcels, seed=_SEED, copies=copies_of(made))
-            one, other = (prepared.sources_of(replace(spray, parcels=half)) for half in both)
-            return cls((one, other), None, 0.5)
-        kernel = Kernel(exposure_s=prepared.scene.camera.smear_s)
-        found = variants(made, kernel=kernel, seed=_SEED)
-        one, other = (prepared.sources_of(half) for half in found.halves)
-        return cls((one, other), prepared.sources_of(found.narrower), SAMPLING)
+def parcel_variants(prepared: Prepared) -> ParcelVariants:
+    """Variants of a spray whose parcels are a sample, see `cldit.medium.cloud.Variants`."""
+    traced, spray = prepared.made, prepared.spray
+    assert traced.parcels is not None and spray.parcels is not None
+    if spray.parcels.extent is None or traced.parcels.extent is not None:
+        parts = halves(spray.parcels, seed=_SEED, copies=copies_of(traced))
+        half_a, half_b = (prepared.sources_of(replace(spray, parcels=half)) for half in parts)
+        return (half_a, half_b), None, 0.5
+    kernel = Kernel(exposure_s=prepared.scene.camera.smear_s)
+    clouds = variants(traced, kernel=kernel, seed=_SEED)
+    half_a, half_b = (prepared.sources_of(half) for half in clouds.halves)
+    return (half_a, half_b), prepared.sources_of(clouds.narrower), SAMPLING
 
 
 class _Parcels(ErrorSource):
@@ -69,8 +61,8 @@ class _Parcels(ErrorSource):
     also = ("deposit width",)
 
     def key(self, scene: Scene) -> str:
-        given = getattr(scene.spray, "droplets_per_parcel", None) is not None
-        return "spray.droplets_per_parcel" if given else "spray.file"
+        is_given = getattr(scene.spray, "droplets_per_parcel", None) is not None
+        return "spray.droplets_per_parcel" if is_given else "spray.file"
 
     def applies(self, prepared: Prepared) -> bool:
         parcels = prepared.made.parcels
@@ -82,32 +74,31 @@ class _Parcels(ErrorSource):
         if not self.applies(at.prepared):
             return []
         key, tracer = self.key(at.scene), at.tracer
-        parcels: ParcelVariants = at.prepared.variant(
-            self.name, lambda: ParcelVariants.of(at.prepared)
+        variants_of: ParcelVariants = at.prepared.variant(
+            self.name, lambda: parcel_variants(at.prepared)
         )
+        (half_a, half_b), narrower, sampling = variants_of
         at.stages.tell("errors: either half of the parcels")
-        first, second = parcels.halves
-        one = tracer.variant("first half of the parcels", lambda: first, at.coarse)
-        other = tracer.variant("second half of the parcels", lambda: second, at.coarse)
-        sampling = [each.times(parcels.sampling) for each in tracer.difference(one, other)]
-        how = f"{parcels.sampling:.2g} of the difference of two halves of the parcels"
-        out = [Estimate.of(self.name, sampling, how, key)]
-        narrower = parcels.narrower
+        image_a = tracer.variant("first half of the parcels", lambda: half_a, at.coarse)
+        image_b = tracer.variant("second half of the parcels", lambda: half_b, at.coarse)
+        errors = [step.times(sampling) for step in tracer.difference(image_a, image_b)]
+        method = f"{sampling:.2g} of the difference of two halves of the parcels"
+        out = [Estimate.of(self.name, errors, method, key)]
         if narrower is not None:
             at.stages.tell("errors: parcels spread less")
             image = tracer.variant("parcels spread less", lambda: narrower, at.coarse)
-            apart = tracer.difference(tracer.level(at.coarse), image)
-            width = [each.times(_OF_WIDTH) for each in apart]
-            how = "4/3 of the step to half of the variance, for a bias of fourth order"
-            out.append(Estimate.of("deposit width", width, how, key, at_most=True))
+            steps = tracer.difference(tracer.level(at.coarse), image)
+            width = [step.times(_OF_WIDTH) for step in steps]
+            method = "4/3 of the step to half of the variance, for a bias of fourth order"
+            out.append(Estimate.of("deposit width", width, method, key, at_most=True))
         points, _ = at.prepared.sources
         if isinstance(at.scene.spray, LagrangianSpray) and points is not None:
-            if len(points.position_m) < _FEWEST:
-                why = (
+            if len(points.position_m) < _FEWEST_PARCELS:
+                reason = (
                     f"{len(points.position_m)} parcels, whose halves share a gas that they drive; "
-                    f"below {_FEWEST} the scatter between seeds exceeds this estimate"
+                    f"below {_FEWEST_PARCELS} the scatter between seeds exceeds this estimate"
                 )
-                out.append(Estimate.unknown("gas of few parcels", why, key))
+                out.append(Estimate.unknown("gas of few parcels", reason, key))
         return out
 
     def estimate(self, at: Measurement) -> list[Estimate]:
@@ -136,9 +127,9 @@ class _SizeClasses(ErrorSource):
             return []
         try:
             if at.prepared.on_lattice:
-                cone, whole = at.tracer.cone_at(at.coarse), at.tracer.level(at.coarse)
+                cone, all_classes = at.tracer.cone_at(at.coarse), at.tracer.level(at.coarse)
             else:
-                (cone, whole), _ = (at.on_lattice(up) for up in (2, 4))
+                (cone, all_classes), _ = (at.on_lattice(up) for up in (2, 4))
             at.stages.tell("errors: half of the classes of size")
             half = cone.model_copy(update={"size_classes": cone.classes // 2})
             image = at.tracer.variant(
@@ -146,9 +137,10 @@ class _SizeClasses(ErrorSource):
             )
         except NO_COARSER_LATTICE:
             return []
-        found = at.tracer.difference(whole, image)
-        how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
-        return [Estimate.of(self.name, found, how, self.key(at.scene), size=1 / cone.classes)]
+        differences = at.tracer.difference(all_classes, image)
+        method = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
+        key, size = self.key(at.scene), 1 / cone.classes
+        return [Estimate.of(self.name, differences, method, key, size=size)]
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         cone = at.prepared.cone
@@ -158,14 +150,14 @@ class _SizeClasses(ErrorSource):
             return [at.predicted[self.name].at(1 / cone.classes)]
         if at.prepared.is_empty:
             return []
-        why = "one class alone, or no coarser lattice to compare on"
-        return [Estimate.unknown(self.name, why, "spray.size_classes")]
+        reason = "one class alone, or no coarser lattice to compare on"
+        return [Estimate.unknown(self.name, reason, "spray.size_classes")]
 
-    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
-        if now.size_classes is None:
-            return now
-        classes = min(_MOST_CLASSES, math.ceil(now.size_classes * ratio))
-        return replace(now, size_classes=classes)
+    def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        if old.size_classes is None:
+            return old
+        classes = min(_MOST_CLASSES, math.ceil(old.size_classes * ratio))
+        return replace(old, size_classes=classes)
 
 
 PARCELS, SIZE_CLASSES = _Parcels(), _SizeClasses()

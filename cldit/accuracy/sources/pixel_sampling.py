@@ -53,8 +53,8 @@ class _PixelSampling(ErrorSource):
         if at.tracer.settings.whole_pixels and at.scene.transport.method == "path":
             return []  # random places in each pixel: part of the noise of paths
         if at.scene.transport.method != "source":
-            why = "not known from an image of random samples; transport.method: source estimates it"
-            return [Estimate.unknown(self.name, why, self.key(at.scene))]
+            reason = "not known from random samples; transport.method: source estimates it"
+            return [Estimate.unknown(self.name, reason, self.key(at.scene))]
         return [self._of(at, at.image)]
 
     def _of(self, at: Measurement, image: ImagePair) -> Estimate:
@@ -62,8 +62,8 @@ class _PixelSampling(ErrorSource):
         temperature = temperature_of(at.tracer.scene, at.prepared, visible=visible)
         return pixel_error(temperature, image, self.key(at.scene))
 
-    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
-        return replace(now, pixels_K=share_K)
+    def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        return replace(old, pixels_K=share_K)
 
 
 PIXEL_SAMPLING = _PixelSampling()
@@ -76,38 +76,39 @@ def pixel_error(temperature: NodeTemperature, image: ImagePair, key: str = "") -
     square as its mean, and one standard error of that is added. The maps are those of sampled
     pixels that are alike.
     """
-    name, found = PIXEL_SAMPLING.name, image.subpixels
+    name, subpixels = PIXEL_SAMPLING.name, image.subpixels
     results = np.stack(temperature.results(image.weights))
     results[0, ~image.visible(temperature)] = np.nan
     count = int(np.count_nonzero(np.isfinite(results[0])))
-    if found is None or not count:
+    if subpixels is None or not count:
         return Estimate.unknown(name, "no pixel has a T_app", key)
-    pixels = found.sample.pixels
-    few = temperature.picked(pixels)
+    pixels = subpixels.sample.pixels
+    sampled = temperature.picked(pixels)
 
-    here = image.map(found.sample.pick)
-    there = ImagePair(found.weights, found.difference)
-    if found.references is not None:
-        one, other = found.references
-        here, there = _evaluated(here, one), _evaluated(there, other)
-    apart = np.subtract(*(np.stack(few.results(each.weights)) for each in (here, there)))
-    noise = here.noise_K(few) - there.noise_K(few)
-    both = np.isfinite(apart) & np.isfinite(noise)
-    both[0] &= here.visible(few) & there.visible(few)
-    first, second = (np.where(both, apart + sign * noise, 0.0)[:, 0] for sign in (1, -1))
+    by_rays = image.map(subpixels.sample.pick)
+    by_many = ImagePair(subpixels.weights, subpixels.difference)
+    if subpixels.references is not None:
+        reference_a, reference_b = subpixels.references
+        by_rays, by_many = _evaluated(by_rays, reference_a), _evaluated(by_many, reference_b)
+    change = np.subtract(*(np.stack(sampled.results(pair.weights)) for pair in (by_rays, by_many)))
+    noise = by_rays.noise_K(sampled) - by_many.noise_K(sampled)
+    finite = np.isfinite(change) & np.isfinite(noise)
+    finite[0] &= by_rays.visible(sampled) & by_many.visible(sampled)
+    half_a, half_b = (np.where(finite, change + sign * noise, 0.0)[:, 0] for sign in (1, -1))
     emissivity = 1.0 - image.weights.background.astype(float)
     errors_K, maps_K = [], []
-    for contrast, *halves in zip(contrasts(results), first, second, strict=True):
-        square, doubt = found.sample.mean_square(*halves, count=count)
+    for contrast, *halves in zip(contrasts(results), half_a, half_b, strict=True):
+        square, doubt = subpixels.sample.mean_square(*halves, count=count)
         errors_K.append((max(square, 0.0) + doubt) ** 0.5)
         like, features = np.isfinite(contrast), (emissivity, contrast)
         if image.rays is not None:  # more of them at edges, where more is left as well
             features = emissivity, image.rays.astype(float)
-        maps_K.append(np.sqrt(sampled_square(found.sample, halves[0] * halves[1], features, like)))
-    rays = "{0}" if found.across.min() == found.across.max() else "{0} to {1}"
-    rays = rays.format(found.across.min() ** 2, found.across.max() ** 2)
-    how = f"the image's rays against {rays}, in each of {len(pixels)} pixels"
-    return Estimate(Cause(name, errors_K[0], how, key), errors_K[1], maps_K)
+        squares = sampled_square(subpixels.sample, halves[0] * halves[1], features, like)
+        maps_K.append(np.sqrt(squares))
+    rays = "{0}" if subpixels.across.min() == subpixels.across.max() else "{0} to {1}"
+    rays = rays.format(subpixels.across.min() ** 2, subpixels.across.max() ** 2)
+    method = f"the image's rays against {rays}, in each of {len(pixels)} pixels"
+    return Estimate(Cause(name, errors_K[0], method, key), errors_K[1], maps_K)
 
 
 def _evaluated(image: ImagePair, reference: Weights) -> ImagePair:
@@ -118,11 +119,11 @@ def _evaluated(image: ImagePair, reference: Weights) -> ImagePair:
     """
     seen = reference.background
     # A fit of just half of the background ends above or below it by rounding.
-    whole = np.where(seen > VISIBLE_DISC, seen, np.float32(np.nan)).astype(np.float32)
+    visible = np.where(seen > VISIBLE_DISC, seen, np.float32(np.nan)).astype(np.float32)
     beyond = reference.images | {"background": np.zeros_like(seen)}
     images = image.weights.images
-    mean = Weights.of({name: (one - beyond[name]) / whole for name, one in images.items()})
+    mean = Weights.of({name: (weight - beyond[name]) / visible for name, weight in images.items()})
     difference = image.difference
     return ImagePair(
-        mean, None if difference is None else difference.map(lambda each: each / whole)
+        mean, None if difference is None else difference.map(lambda weight: weight / visible)
     )

@@ -49,9 +49,9 @@ class KnownTracer:
         self.traced.append(depth)
         return self.true_K(depth)
 
-    def coarser(self, depth: int) -> Any:
+    def grids(self, depth: int) -> Any:
         coarsest = self.level(depth - 2)
-        return (2.0, self.level(depth - 1)), (4.0, coarsest)
+        return [(1.0, self.level(depth)), (2.0, self.level(depth - 1)), (4.0, coarsest)]
 
     def difference(self, one: float, other: float) -> tuple[ImageDifference, ...]:
         sizes = abs(one - other), self.emissivity * abs(one - other)
@@ -104,8 +104,20 @@ def test_largest_cells_that_do(order: float, wanted_K: float) -> None:
     assert tracer.true_K(chosen.depth) <= wanted_K * (1 + 1e-9)
     assert chosen.error_K == pytest.approx(tracer.true_K(chosen.depth))
     least = math.ceil(math.log2(200.0 / wanted_K ** (1 / order)))
-    assert chosen.depth == max(least, 8)
+    assert chosen.depth == max(least, 7)
     assert max(tracer.traced) <= max(chosen.depth - 1, 8)
+
+
+@pytest.mark.parametrize("on_lattice", [False, True])
+def test_cells_traced_for_their_order_are_not_those_of_the_image(on_lattice: bool) -> None:
+    """The first three images show no order, so that a fourth one is traced, with an error of 0.5 K.
+    Cells twice as large have 1 K, which is enough, and an eighth of the cost."""
+    true_K = {6: 9.1, 7: 1.7, 8: 1.0, 9: 0.5}
+    tracer: Any = KnownTracer(1.0, on_lattice=on_lattice)
+    tracer.true_K = true_K.__getitem__
+    chosen = choose_cells(tracer, lambda _: 1.2, lambda _: None)
+    assert chosen is not None and chosen.depth == 8 and max(tracer.traced) == 9
+    assert chosen.error_K == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("wanted_K", "depth"), [(5.0, 8), (0.7, 9), (0.5, 9), (0.2, 11)])
@@ -193,4 +205,8 @@ def test_errors_of_fixed_cells_are_predicted_by_coarser_ones() -> None:
 def test_a_lattice_no_coarser_than_a_tracer() -> None:
     tracer: Any = KnownTracer(1.0, on_lattice=True)
     chosen = choose_cells(tracer, lambda _: 50.0, lambda _: None)
-    assert chosen is not None and chosen.less == 1.0 and max(tracer.traced) == chosen.depth
+    assert chosen is not None and chosen.less == 1.0
+    assert max(tracer.traced) == 8 and chosen.depth == 7
+    middle = choose_cells(tracer, lambda _: 1.3, lambda _: None)
+    assert middle is not None and middle.depth == 8 and 1.0 < middle.less <= 1.3
+    assert middle.error_K == pytest.approx(tracer.true_K(8) * middle.less)

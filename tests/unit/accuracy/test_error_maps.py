@@ -46,6 +46,23 @@ def test_more_pixels_than_those_of_the_rms() -> None:
     assert np.ptp(ratio[maps["cells"] > 0]) < 1e-5 * ratio.max()  # local values are as they are
 
 
+def test_no_error_far_from_all_differences() -> None:
+    """Few pixels are drawn where nothing is in front of the background: between them the error is
+    that of the nearest, and not the mean of the image."""
+    y, x = np.mgrid[:300, :300]
+    radius = np.hypot(y - 150, x - 150)
+    difference = np.full(radius.shape, np.nan)
+    drawn = np.random.default_rng(1).random(radius.shape)
+    pixels = drawn < np.where(radius < 50, 0.3, 3e-4)
+    difference[pixels] = np.maximum(1.0 - radius[pixels] / 40, 0.0)
+    counted = np.ones(radius.shape, bool)
+    cells = error_maps({"cells": 0.1}, {"cells": difference}, counted)["cells"]
+    widest = 1.5 * 0.03 * 300  # of three means in squares of 3 % of the edge
+    rounding = 1e-3  # the root of what sums of squares leave, see `error_maps`
+    assert cells[radius > 40 + 2**0.5 * widest].max() < rounding * cells.max()
+    assert cells[radius < 30].min() > 0.05 * cells.max()
+
+
 def test_no_pixel_no_map() -> None:
     errors, differences, counted = found()
     assert error_maps(errors, differences, np.zeros_like(counted)) == {}

@@ -8,18 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.errors import Errors
+from cldit.accuracy import predict
+from cldit.accuracy.allocation import Allocation
+from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.predict import fixed_estimates
+from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources.base import Measurement
-from cldit.accuracy.sources.parcels import PARCELS, ParcelVariants
+from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import TransportError
 from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
 
 GAS: Any = ("coarse gas", 0.052)  # and the vapour's penetration
-VARIANTS: Any = ParcelVariants(("one", "other"), "narrower", 0.5)  # type: ignore[arg-type]
+VARIANTS: Any = (("one", "other"), "narrower", 0.5)
 KNOWN_K = {"one": 1.0, "other": -1.0, "narrower": 0.75, GAS[0]: 9.0}
 
 
@@ -63,8 +66,8 @@ class Tracer:
             raise TransportError("cells reach behind a patch")
         return float(self.cell_K / 2**depth)
 
-    def coarser(self, depth: int) -> Any:
-        return (2.0, self.level(depth - 1)), (4.0, self.level(depth - 2))
+    def grids(self, depth: int) -> Any:
+        return [(2.0**up, self.level(depth - up)) for up in (0, 1, 2)]
 
     def variant(self, _: str, make: Any, depth: int) -> float:
         self.seen.add(depth)
@@ -129,3 +132,25 @@ def test_few_parcels_of_a_computed_spray_say_at_least(parcels: int, known: bool)
     assert errors(computed).text.startswith("at least") != known
     read = computed.model_copy(update={"spray": SimpleNamespace(droplets_per_parcel=None)})
     assert not errors(read).unknown
+
+
+def test_size_classes_for_their_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error of 4 classes falls as one over their number; a lattice within its share stays."""
+    scene = load_scene("gdi-cone").with_(
+        **{"domain.leaf_edge_m": 1e-3, "spray.size_classes": None, "spray.spacing_m": None}
+    )
+    allocation = Allocation.of(scene, 1.0)
+    large_K = 2.4 * allocation["size classes"]
+    errors_K = {"size classes": large_K, "gas grid": 0.5 * allocation["gas grid"]}
+
+    def of(_: Measurement, source: Any) -> list[Estimate]:
+        return [Estimate(Cause(name, e, "")) for name, e in errors_K.items() if name == source.name]
+
+    monkeypatch.setattr(Measurement, "of", of)
+    monkeypatch.setattr(predict, "predicted_error", lambda *_: (0.3, False))
+    tracer: Any = SimpleNamespace(prepared=SimpleNamespace(cube=SimpleNamespace(depth=7), cone=1))
+    problem: Any = SimpleNamespace(scene=scene, stages=Stages(None), predicted={})
+    start = Resolution.first(scene, ordinates_K=1.0, spectral_K=1.0)
+    resolution, left = predict._for_spray(problem, start, allocation, tracer)
+    assert start.size_classes == 4 and resolution.size_classes == 10  # 2.4 times 4
+    assert resolution.spacing_m == start.spacing_m and left.predicted_K["cells"] == 0.3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,6 +39,19 @@ def test_other_lattices_serve_in_the_same_light() -> None:
     assert served == {0.2 / 2**7: "coarse", 0.2 / 2**8: "fine"}
     assert not before._reusable("alike", tracer_of(node=1).prepared)
     assert not before._reusable("other ordinates", tracer_of().prepared)
+
+
+def test_grids_that_an_error_is_extrapolated_from() -> None:
+    """Half of the cells and twice their edge, if both are there; else twice and four times."""
+    levels: Any = {5: "5", 6: "6", 7: "7", 8: "8"}
+    tracer: Any = replace(tracer_of(), levels=levels)
+    assert tracer.grids(8) == [(1.0, "8"), (2.0, "7"), (4.0, "6")]
+    assert tracer.grids(7) == [(0.5, "8"), (1.0, "7"), (2.0, "6")]
+    cell_m = 0.2 / 2**7
+    earlier = {0.6 * cell_m: "near", 1.6 * cell_m: "twice", 3.2 * cell_m: "four"}
+    tracer = replace(tracer, levels={7: "7"}, earlier=earlier)
+    assert [image for _, image in tracer.grids(7)] == ["7", "twice", "four"]
+    assert [size for size, _ in tracer.grids(7)] == pytest.approx([1.0, 1.6, 3.2])
 
 
 @pytest.mark.parametrize("drawn", [None, "some"])
