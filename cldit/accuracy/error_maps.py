@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import distance_transform_edt, uniform_filter
 
 from cldit.arrays import Floats, Mask
 
@@ -65,6 +65,7 @@ def _nearby(difference: Floats, counted: Mask) -> Floats | None:
     weight, square = known.astype(float), np.where(known, np.nan_to_num(difference) ** 2, 0.0)
     for _ in range(3):  # three means in squares weigh nearly as a round Gaussian
         weight, square = uniform_filter(weight, width), uniform_filter(square, width)
-    mean = float(np.mean(difference[known] ** 2))
-    local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
+    bare = weight <= 1e-3  # of known pixels: where few are drawn, the nearest square has the value
+    nearest = distance_transform_edt(bare, return_distances=False, return_indices=True)
+    local = np.divide(square, weight, out=np.zeros(square.shape), where=~bare)[tuple(nearest)]
     return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0

@@ -46,6 +46,17 @@ def test_more_pixels_than_those_of_the_rms() -> None:
     assert np.ptp(ratio[maps["cells"] > 0]) < 1e-5 * ratio.max()  # local values are as they are
 
 
+def test_far_from_drawn_pixels_the_nearest_count() -> None:
+    """Drawn pixels are dense at an edge with errors, and few where there is nothing: in between
+    are squares without any, whose error is not the image's mean."""
+    counted = np.ones((200, 200), bool)
+    difference = np.full(counted.shape, np.nan)
+    difference[:, 90:110] = 1.0
+    difference[::40, :30:15] = 0.0  # squares are 6 pixels wide
+    total = error_maps({"cells": 2.0}, {"cells": difference}, counted)["total"]
+    assert np.max(total[:, :30]) < 1e-3 * np.max(total[:, 95:105])
+
+
 def test_no_pixel_no_map() -> None:
     errors, differences, counted = found()
     assert error_maps(errors, differences, np.zeros_like(counted)) == {}
