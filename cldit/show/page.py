@@ -41,11 +41,15 @@ _SLIDE = """<script>
 
 @dataclass(frozen=True)
 class Section:
-    """Parts of a page under a heading of a level; omitted if all of them are empty."""
+    """Parts of a page under a heading of a level; omitted if all of them are empty.
+
+    folded: only the title is visible in HTML, until a reader opens it.
+    """
 
     title: str
     content: "Sequence[Block]"
     level: int = 2
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,22 +137,13 @@ class Code:
 
 
 @dataclass(frozen=True)
-class Details:
-    """A long text that can be folded away; omitted in Markdown."""
-
-    summary: str
-    text: str
-    open: bool = False
-
-
-@dataclass(frozen=True)
 class Html:
     """HTML that is inserted unchanged; omitted in Markdown."""
 
     text: str
 
 
-Block = str | Section | Figure | Slider | Table | Bullets | Code | Details | Html
+Block = str | Section | Figure | Slider | Table | Bullets | Code | Html
 """A part of a page; a text is a paragraph."""
 
 
@@ -215,9 +210,11 @@ def _html(part: Block) -> str:
             return ""
         case str():
             return f"<p>{_inline(part)}</p>"
-        case Section(title, content, level):
+        case Section(title, content, level, folded):
             body = html_of(content)
             heading = f"<h{level}>{escape(title)}</h{level}>\n" if title else ""
+            if folded and body:
+                return f"<details><summary>{heading}</summary>\n{body}\n</details>"
             return f"<section>{heading}\n{body}\n</section>" if body else ""
         case Figure(png, caption):
             wide = ' class="wide" tabindex="0"' if part.width_in > _WIDE_IN else ""
@@ -236,10 +233,6 @@ def _html(part: Block) -> str:
             return f"<ul>\n{items}\n</ul>"
         case Code(text):
             return f'<pre tabindex="0">{escape(text)}</pre>'
-        case Details(summary, text, is_open):
-            attribute = " open" if is_open else ""
-            inner = f"<summary>{escape(summary)}</summary>{_html(Code(text))}"
-            return f"<details{attribute}>{inner}</details>"
         case Html(text):
             return text
 
@@ -329,7 +322,7 @@ def _markdown(part: Block) -> str:
             return "\n".join(f"- {line}" for line in lines)
         case Code(text, language):
             return f"```{language}\n{text}\n```" if text else ""
-        case Details() | Html():
+        case Html():
             return ""
 
 

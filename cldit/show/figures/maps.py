@@ -27,6 +27,7 @@ from cldit.show.figures.colours import (
 )
 from cldit.show.figures.panels import GREY, Frame, Panel, Window, panels_figure, window_around
 
+_VISIBLE = 0.05  # share of the light from which a panel is not just black
 Colours = str | Colormap
 """A colour map of matplotlib, or its name."""
 
@@ -272,9 +273,10 @@ class Shares:
         }
 
     def panels(self) -> list[Panel]:
-        """Panels of the shares of vapour and droplets."""
+        """Panels of the shares of vapour and droplets that are visible somewhere."""
         names = {"vapour": "vapour", "liquid": "droplets"}
         return [
-            Panel(self.images[name], f"share of {text} in the signal", "share", (0.0, 1.0))
-            for name, text in names.items()
+            Panel(self.images[name], f"share of {origin} in the signal", "share", (0.0, 1.0))
+            for name, origin in names.items()
+            if np.nanmax(self.images[name], initial=0.0) > _VISIBLE
         ]

@@ -54,7 +54,7 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
     )
     budget = _budget(parts)
     return [
-        Section("Consistency of the shots", _witnesses(stored)),
+        Section("Consistency of the shots", _witnesses(stored), folded=True),
         Section(
             "Drift that references and injections share",
             [
@@ -63,6 +63,7 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
                 "its sign; the others are standard deviations." if drifts.rows else "",
                 drifts,
             ],
+            folded=True,
         ),
         Section(
             "Uncertainty budget: errors that no shot shows",
@@ -71,6 +72,7 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
                 budget,
                 *_error_figures(list(parts), maps, frame, title),
             ],
+            folded=True,
         ),
     ]  # fmt: skip
 
@@ -169,7 +171,7 @@ def pixels_section(maps: Maps) -> Section:
     count = {reason.text: number for reason, number in maps.count().items()}
     total = max(sum(count.values()), 1)
     rows = [[name, str(n), f"{100 * n / total:.1f} %"] for name, n in count.items()]
-    return Section("Pixels", [Table((), rows, numbers=(1, 2))])
+    return Section("Pixels", [Table((), rows, numbers=(1, 2))], folded=True)
 
 
 def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
