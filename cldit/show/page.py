@@ -90,7 +90,7 @@ class Slider:
 class Link:
     """A table cell that refers to another page of the same folder, named without its suffix."""
 
-    text: str
+    label: str
     page: str
 
 
@@ -132,7 +132,7 @@ class Bullets:
 class Code:
     """Lines of code or commands."""
 
-    text: str
+    source: str
     language: str = "sh"
 
 
@@ -140,7 +140,7 @@ class Code:
 class Html:
     """HTML that is inserted unchanged; omitted in Markdown."""
 
-    text: str
+    source: str
 
 
 Block = str | Section | Figure | Slider | Table | Bullets | Code | Html
@@ -201,7 +201,7 @@ def _figures(content: Sequence[Block]) -> Iterator[Figure]:
 
 def html_of(content: Sequence[Block]) -> str:
     """HTML of parts of a page."""
-    return "\n".join(text for part in content if (text := _html(part)))
+    return "\n".join(html for part in content if (html := _html(part)))
 
 
 def _html(part: Block) -> str:
@@ -237,25 +237,25 @@ def _html(part: Block) -> str:
             return text
 
 
-def _inline(text: str) -> str:
-    return _CODE.sub(r"<code>\1</code>", escape(text))
+def _inline(sentence: str) -> str:
+    return _CODE.sub(r"<code>\1</code>", escape(sentence))
 
 
 def _captioned(slider: Slider) -> list[Figure]:
     return [
-        Figure(one.png, f"{slider.name} at {value}. {one.caption}".rstrip(), one.file)
-        for value, one in slider.figures.items()
+        Figure(figure.png, f"{slider.name} at {value}. {figure.caption}".rstrip(), figure.file)
+        for value, figure in slider.figures.items()
     ]
 
 
 def _html_slider(slider: Slider) -> str:
-    last, body = len(slider.figures) - 1, html_of(_captioned(slider))
-    if last < 1:
+    end, body = len(slider.figures) - 1, html_of(_captioned(slider))
+    if end < 1:
         return body
     return (
         f'<div class="slider">\n<label hidden>{escape(slider.name)} '
         f"<output>{'|'.join(map(escape, slider.figures))}</output>\n"
-        f'<input type="range" min="0" max="{last}" value="0" step="1"></label>\n'
+        f'<input type="range" min="0" max="{end}" value="0" step="1"></label>\n'
         f"{body}\n</div>{_SLIDE}"
     )
 
@@ -282,12 +282,12 @@ def _html_cell(tag: str, cell: Cell, number: bool) -> str:
     match cell:
         case Bar(share):
             attribute = ' class="bar"'
-            text = f'<span style="width:{100 * max(0.0, min(share, 1.0)):.1f}%"></span>'
+            content = f'<span style="width:{100 * max(0.0, min(share, 1.0)):.1f}%"></span>'
         case Link(name, page):
-            text = f'<a href="{escape(page)}.html">{escape(name)}</a>'
+            content = f'<a href="{escape(page)}.html">{escape(name)}</a>'
         case _:
-            text = escape(cell)
-    return f"<{tag}{attribute}>{text}</{tag}>"
+            content = escape(cell)
+    return f"<{tag}{attribute}>{content}</{tag}>"
 
 
 def _length(cell: Cell) -> int:
@@ -302,7 +302,7 @@ def _length(cell: Cell) -> int:
 
 def markdown_of(content: Sequence[Block]) -> str:
     """Markdown of parts of a page."""
-    return "\n\n".join(text for part in content if (text := _markdown(part)))
+    return "\n\n".join(lines for part in content if (lines := _markdown(part)))
 
 
 def _markdown(part: Block) -> str:

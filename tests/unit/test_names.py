@@ -41,13 +41,13 @@ FINISHED: dict[str, str] = {
     "rig": "",
     "run": "wanted",  # of `cldit.opencl_device`
     "scene": "",
+    "show": "left text what",  # edge of an image; packed arrays; of `Run.plot`
     "spray": "",
     "testing": "first last text told wanted what",  # of the contract, for authors of drivers
 }
 SHARES: dict[str, float] = {
     "accuracy": 16.0,
     "comparison": 20.5,
-    "show": 11.0,
     "study": 11.0,
     "transport": 10.0,
 }

@@ -152,8 +152,8 @@ def _camera(run: Run) -> Slider:
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
     figures = {
-        f"{at:g} K": Figure(png_of(one, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections.")
-        for at, one in camera_figures(means, frame, title=run.scene.name).items()
+        f"{at:g} K": Figure(png_of(drawn, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections.")
+        for at, drawn in camera_figures(means, frame, title=run.scene.name).items()
     }
     return Slider("Background", figures)
 
@@ -179,14 +179,18 @@ def _evaluation(run: Run) -> list[Section]:
 
 def _origin(run: Run) -> list[Block]:
     """Shares of the signal by origin, in front of the middle background."""
-    whole = Boundary.in_filter(
+    in_filter = Boundary.in_filter(
         Surroundings.from_scene(run.scene),
         run.quadrature.filter_um,
         reference_K=run.quadrature.reference_K,
     )
-    leaves = float(whole.leaving(run.quadrature.reference_K))
+    leaves = float(in_filter.leaving(run.quadrature.reference_K))
     shares = Shares.of(
-        run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
+        run.weights,
+        run.reference,
+        background=leaves,
+        wall=in_filter.wall,
+        patches=in_filter.patches,
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
     title, frame = f"{run.scene.name}: origin of the signal", frame_of(run.scene)
@@ -227,7 +231,7 @@ def _spectral(run: Run) -> dict[str, str]:
 
 
 def _spray(run: Run) -> dict[str, str]:
-    remarks = {f"remark {n}": text for n, text in enumerate(run.info.remarks, start=1)}
+    remarks = {f"remark {n}": remark for n, remark in enumerate(run.info.remarks, start=1)}
     return human_figures(run.info.spray) | remarks
 
 
@@ -271,8 +275,8 @@ def _cause(cause: Cause) -> str:
 def _stages(run: Run) -> Table:
     total = sum(stage.seconds for stage in run.info.stages)
     rows: list[list[Cell]] = [
-        [one.name, f"{one.seconds:.2f} s", Bar(one.seconds / (total or 1.0)), one.note]
-        for one in run.info.stages
+        [stage.name, f"{stage.seconds:.2f} s", Bar(stage.seconds / (total or 1.0)), stage.note]
+        for stage in run.info.stages
     ]
     return Table((), [*rows, ["all", f"{total:.2f} s", "", ""]] if rows else [], numbers=(1,))
 
