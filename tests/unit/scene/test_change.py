@@ -166,7 +166,7 @@ def test_tab_shows_keys_and_the_repr_is_short() -> None:
     assert {"walls", "camera", "with_", "target_m"} <= set(dir(scene))
     assert not [name for name in dir(scene) if name.startswith(("model_", "_"))]
     assert "json" not in dir(scene) and dir(scene.walls) == ["temperature_K"]
-    assert repr(scene.walls) == "Walls(temperature_K=450.0)" and repr(scene.plan) == "ShotPlan()"
+    assert repr(scene.walls) == "Walls(temperature_K=450.0)" and repr(scene.plan) == "PlanSize()"
     assert "'gdi-cone': spray cone, 500 x 400 pixels" in repr(scene) and len(str(scene)) < 150
 
 
