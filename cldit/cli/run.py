@@ -167,7 +167,7 @@ def run(
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
     longer = None if quick or field_mm is None else max(chosen.camera.pixels)
-    counts = longer if pixels is None else pixels_of(pixels)
+    counts: int | list[int] | None = longer if pixels is None else pixels_of(pixels)
     chosen = chosen.with_(**_field_changes(chosen, field_mm))
     chosen = chosen.with_(**short_changes(chosen, quick=quick, pixels=counts, accuracy=accuracy))
     chosen = chosen.with_(**dict(parse_change(change) for change in changes))
