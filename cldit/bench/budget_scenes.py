@@ -11,6 +11,7 @@ from cldit.io.files import write_text
 from cldit.scene import Scene, load_scene, parse_scene
 
 FOLDER = Path(__file__).parent / "references"
+_FIELD = {"field_m": [0.16, 0.16], "target_m": None}  # that of the stored references
 STEP_K = 0.01  # of stored temperatures, in 16 bits
 
 
@@ -30,7 +31,7 @@ def budget_scene(name: str, *, pixels: int, folder: Path, seed: int = 1, draws: 
         camera |= {"field_m": [0.03, 0.05], "target_m": [0.0, 0.0, -0.024]}
         return parse_scene({**data, "camera": camera, "transport": transport})
     scene = load_scene(name).model_dump(mode="json")
-    scene["camera"].update(camera)
+    scene["camera"].update(_FIELD, **camera)
     scene["transport"].update(transport)
     scene["optics"]["compare_paper"] = False
     if name == "droplets-only":

@@ -140,7 +140,7 @@ def _print(evaluation: Evaluation) -> None:
 
 
 def _print_result(maps: Maps) -> None:
-    print_maps(maps)
+    print_maps(maps, recorded=True)
     error_K = maps.apparent_temperature_standard_error_K
     if np.isfinite(error_K).any():
         OUT.print(f"standard error of T_app: {np.nanmedian(error_K):.2g} K (median)", style="bold")

@@ -180,6 +180,7 @@ def two_numbers(option: str, value: str, pattern: str) -> tuple[str, str]:
     return match[1], match[2] or match[1]
 
 
-def pixels_of(value: str) -> list[int]:
-    """Columns and rows of `--pixels`."""
-    return [int(count) for count in two_numbers("--pixels", value, r"[0-9]+")]
+def pixels_of(value: str) -> int | list[int]:
+    """Columns and rows of `--pixels`, or pixels along the longer side of the field."""
+    columns, rows = (int(count) for count in two_numbers("--pixels", value, r"[0-9]+"))
+    return [columns, rows] if "x" in value else columns

@@ -19,7 +19,7 @@ _REACH = (
 )
 
 
-def print_maps(maps: "Maps") -> None:
+def print_maps(maps: "Maps", *, recorded: bool) -> None:
     """Prints T_app and emissivity of the visible spray, or the reasons why it has none.
 
     Ranges are percentiles 1 and 99. Without visible spray, all pixels with a T_app count.
@@ -36,7 +36,9 @@ def print_maps(maps: "Maps") -> None:
     faint, median, dense = np.percentile(maps.emissivity[visible], (1, 50, 99))
     OUT.print(f"T_app {low:.1f} to {high:.1f} K, median {middle:.1f} K", style="bold")
     OUT.print(f"emissivity {faint:.2g} to {dense:.2g}, median {median:.2g}", style="bold")
-    OUT.print(f"  of {int(visible.sum())} {population}", style="dim")
+    rows, columns = maps.reason.shape
+    count = f"{int(visible.sum())} of {columns} x {rows}"
+    OUT.print(f"  in {count} {'recorded' if recorded else 'traced'} {population}", style="dim")
 
 
 def print_error(errors: "Errors") -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from cldit.accuracy.errors import Errors
 from cldit.acquisition.progress import Progress
@@ -100,7 +101,7 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
     metavar="KEY=VALUE",
     help="Any key of the scene, such as walls.temperature_K=500; may be repeated.",
 )
-@click.option("--pixels", metavar="N|NxM", help="Columns and rows of the image.")
+@click.option("--pixels", metavar="N|NxM", help="Pixels along the longer side, or both.")
 @click.option(
     "--field",
     "field_mm",
@@ -124,7 +125,7 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
     help="Processes that trace injections or times side by side; default: one after the other.",
 )
 @click.option("--scheduler", help="Address of a dask scheduler for the injections or times.")
-@click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
+@click.option("--quick", is_flag=True, help="Preview: 128 pixels along the longer side, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @figures_option
 @verbose_option
@@ -165,8 +166,10 @@ def run(
     if "mapping" in keys:
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
-    short = short_changes(chosen, quick=quick, accuracy=accuracy)
-    chosen = chosen.with_(**{**short, **_camera_changes(chosen, pixels, field_mm)})
+    longer = None if quick or field_mm is None else max(chosen.camera.pixels)
+    counts: int | list[int] | None = longer if pixels is None else pixels_of(pixels)
+    chosen = chosen.with_(**_field_changes(chosen, field_mm))
+    chosen = chosen.with_(**short_changes(chosen, quick=quick, pixels=counts, accuracy=accuracy))
     chosen = chosen.with_(**dict(parse_change(change) for change in changes))
     if members is not None:
         chosen = chosen.with_(**{"spray.scatter.members": members})
@@ -262,23 +265,27 @@ def _data(result: Run) -> dict[str, Any]:
             "ensemble": ensemble, **result.info.to_dict()}  # fmt: skip
 
 
-def _camera_changes(scene: Scene, pixels: str | None, field_mm: str | None) -> dict[str, Any]:
-    """Changes of the camera by the short options.
+def _field_changes(scene: Scene, field_mm: str | None) -> dict[str, Any]:
+    """Changes of the camera by `--field`.
 
-    A field gets the nozzle in its middle, a twelfth of its height below its upper edge, unless the
-    scene has a target of its own, or no nozzle.
+    The nozzle gets into the middle, a twelfth of the height below the upper edge, unless the scene
+    has its nozzle at another place of the image, or none.
     """
-    changes: dict[str, Any] = {}
-    if pixels is not None:
-        changes["camera.pixels"] = pixels_of(pixels)
-    if field_mm is not None:
-        width, height = (
-            float(side) * 1e-3 for side in two_numbers("--field", field_mm, r"[0-9]*\.?[0-9]+")
-        )
-        changes["camera.field_m"] = [width, height]
-        if scene.camera.target_m is None and scene.spray.model not in ("none", "grid"):
-            changes["camera.target_m"] = [0.0, 0.0, -(0.5 - _ABOVE) * height]
+    if field_mm is None:
+        return {}
+    sides = two_numbers("--field", field_mm, r"[0-9]*\.?[0-9]+")
+    width, height = (float(side) * 1e-3 for side in sides)
+    changes: dict[str, Any] = {"camera.field_m": [width, height]}
+    target_m, own_m = scene.camera.target_m, _below_nozzle(scene.camera.field_m[1])
+    free = target_m is None or np.allclose(target_m, own_m)
+    if free and scene.spray.model not in ("none", "grid"):
+        changes["camera.target_m"] = _below_nozzle(height)
     return changes
+
+
+def _below_nozzle(height_m: float) -> list[float]:
+    """Middle (x, y, z) of a field with the nozzle near its upper edge."""
+    return [0.0, 0.0, -(0.5 - _ABOVE) * height_m]
 
 
 def _phase(name: str | None) -> str | dict[str, float] | None:
@@ -305,6 +312,7 @@ def _changed(
         data["description"] = f"the spray of {cfd.name} in the rig of {scene.name}"
         if scene.name in shipped_scenes():
             del data["transport"]["accuracy_K"]  # what its own spray allows
+            del data["camera"]  # of the size of its own spray
     else:
         data["spray"].update(keys)
     if preset is not None:
@@ -327,7 +335,10 @@ def _print_stages(result: Run) -> None:
 
 def _print_run(result: Run, suffix: str | None) -> None:
     """Prints the result: maps, error, reach of the spray, files and the next command."""
-    print_maps(result.maps if result.measured is None else result.measured)
+    if result.measured is None:
+        print_maps(result.maps, recorded=False)
+    else:
+        print_maps(result.measured, recorded=True)
     if result.ensemble is not None:
         OUT.print(f"{result.ensemble.members} injections, {result.ensemble.text(result.maps)}")
     if result.errors is not None:

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.comparison.causes import Cause, causes, trials

@@ -55,6 +55,12 @@ def square_pixel_m(field_m: tuple[float, float], pixels: tuple[int, int]) -> flo
     return min(size / count for size, count in zip(field_m, pixels, strict=True))
 
 
+def square_pixels(field_m: tuple[float, float], longer: int) -> tuple[int, int]:
+    """Columns and rows of square pixels, `longer` along the longer side of the field."""
+    columns, rows = (min(longer, max(1, round(longer * side / max(field_m)))) for side in field_m)
+    return columns, rows
+
+
 class Lens(Section):
     """Lens of finite aperture: what is out of focus is blurred."""
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from cldit.errors import SceneError
 from cldit.io.plain_data import parse_yaml, read_mapping
+from cldit.scene.camera import square_pixels
 from cldit.scene.change import merged
 from cldit.scene.checks import shortened
 from cldit.scene.schema import Scene
@@ -29,7 +30,7 @@ def shipped_scenes() -> dict[str, str]:
 
 
 def short_changes(
-    scene: Scene | None = None,
+    scene: Scene,
     *,
     quick: bool = False,
     pixels: int | Sequence[int] | None = None,
@@ -37,16 +38,16 @@ def short_changes(
 ) -> dict[str, Any]:
     """Changes for `Scene.with_` by the short options of a run.
 
-    `quick` keeps what is given, and the proportions of the image of a `scene`. `accuracy` is that
-    of T_app in K and of emissivity, None: chosen by the other.
+    `quick` keeps what is given. One number of pixels is along the longer side of the field; pixels
+    are square. `accuracy` is that of T_app in K and of emissivity, None: chosen by the other.
     """
     changes: dict[str, Any] = {}
     if quick:
-        shape = (1, 1) if scene is None else scene.camera.pixels
-        quick_pixels = [max(1, round(_QUICK_PIXELS * side / max(shape))) for side in shape]
-        changes, accuracy = {"camera.pixels": quick_pixels}, accuracy or (_QUICK_K, None)
+        pixels, accuracy = pixels or _QUICK_PIXELS, accuracy or (_QUICK_K, None)
+    if isinstance(pixels, int):
+        pixels = square_pixels(scene.camera.field_m, pixels)
     if pixels is not None:
-        changes["camera.pixels"] = pixels if isinstance(pixels, int) else list(pixels)
+        changes["camera.pixels"] = list(pixels)
     if accuracy is not None:
         changes["transport.accuracy_K"], changes["transport.accuracy_emissivity"] = accuracy
     return changes

@@ -41,11 +41,15 @@ _SLIDE = """<script>
 
 @dataclass(frozen=True)
 class Section:
-    """Parts of a page under a heading of a level; omitted if all of them are empty."""
+    """Parts of a page under a heading of a level; omitted if all of them are empty.
+
+    folded: only the title is visible in HTML, until a reader opens it.
+    """
 
     title: str
     content: "Sequence[Block]"
     level: int = 2
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Slider:
 class Link:
     """A table cell that refers to another page of the same folder, named without its suffix."""
 
-    text: str
+    label: str
     page: str
 
 
@@ -128,27 +132,18 @@ class Bullets:
 class Code:
     """Lines of code or commands."""
 
-    text: str
+    source: str
     language: str = "sh"
-
-
-@dataclass(frozen=True)
-class Details:
-    """A long text that can be folded away; omitted in Markdown."""
-
-    summary: str
-    text: str
-    open: bool = False
 
 
 @dataclass(frozen=True)
 class Html:
     """HTML that is inserted unchanged; omitted in Markdown."""
 
-    text: str
+    source: str
 
 
-Block = str | Section | Figure | Slider | Table | Bullets | Code | Details | Html
+Block = str | Section | Figure | Slider | Table | Bullets | Code | Html
 """A part of a page; a text is a paragraph."""
 
 
@@ -206,7 +201,7 @@ def _figures(content: Sequence[Block]) -> Iterator[Figure]:
 
 def html_of(content: Sequence[Block]) -> str:
     """HTML of parts of a page."""
-    return "\n".join(text for part in content if (text := _html(part)))
+    return "\n".join(html for part in content if (html := _html(part)))
 
 
 def _html(part: Block) -> str:
@@ -215,9 +210,11 @@ def _html(part: Block) -> str:
             return ""
         case str():
             return f"<p>{_inline(part)}</p>"
-        case Section(title, content, level):
+        case Section(title, content, level, folded):
             body = html_of(content)
             heading = f"<h{level}>{escape(title)}</h{level}>\n" if title else ""
+            if folded and body:
+                return f"<details><summary>{heading}</summary>\n{body}\n</details>"
             return f"<section>{heading}\n{body}\n</section>" if body else ""
         case Figure(png, caption):
             wide = ' class="wide" tabindex="0"' if part.width_in > _WIDE_IN else ""
@@ -236,33 +233,29 @@ def _html(part: Block) -> str:
             return f"<ul>\n{items}\n</ul>"
         case Code(text):
             return f'<pre tabindex="0">{escape(text)}</pre>'
-        case Details(summary, text, is_open):
-            attribute = " open" if is_open else ""
-            inner = f"<summary>{escape(summary)}</summary>{_html(Code(text))}"
-            return f"<details{attribute}>{inner}</details>"
         case Html(text):
             return text
 
 
-def _inline(text: str) -> str:
-    return _CODE.sub(r"<code>\1</code>", escape(text))
+def _inline(sentence: str) -> str:
+    return _CODE.sub(r"<code>\1</code>", escape(sentence))
 
 
 def _captioned(slider: Slider) -> list[Figure]:
     return [
-        Figure(one.png, f"{slider.name} at {value}. {one.caption}".rstrip(), one.file)
-        for value, one in slider.figures.items()
+        Figure(figure.png, f"{slider.name} at {value}. {figure.caption}".rstrip(), figure.file)
+        for value, figure in slider.figures.items()
     ]
 
 
 def _html_slider(slider: Slider) -> str:
-    last, body = len(slider.figures) - 1, html_of(_captioned(slider))
-    if last < 1:
+    end, body = len(slider.figures) - 1, html_of(_captioned(slider))
+    if end < 1:
         return body
     return (
         f'<div class="slider">\n<label hidden>{escape(slider.name)} '
         f"<output>{'|'.join(map(escape, slider.figures))}</output>\n"
-        f'<input type="range" min="0" max="{last}" value="0" step="1"></label>\n'
+        f'<input type="range" min="0" max="{end}" value="0" step="1"></label>\n'
         f"{body}\n</div>{_SLIDE}"
     )
 
@@ -289,12 +282,12 @@ def _html_cell(tag: str, cell: Cell, number: bool) -> str:
     match cell:
         case Bar(share):
             attribute = ' class="bar"'
-            text = f'<span style="width:{100 * max(0.0, min(share, 1.0)):.1f}%"></span>'
+            content = f'<span style="width:{100 * max(0.0, min(share, 1.0)):.1f}%"></span>'
         case Link(name, page):
-            text = f'<a href="{escape(page)}.html">{escape(name)}</a>'
+            content = f'<a href="{escape(page)}.html">{escape(name)}</a>'
         case _:
-            text = escape(cell)
-    return f"<{tag}{attribute}>{text}</{tag}>"
+            content = escape(cell)
+    return f"<{tag}{attribute}>{content}</{tag}>"
 
 
 def _length(cell: Cell) -> int:
@@ -309,7 +302,7 @@ def _length(cell: Cell) -> int:
 
 def markdown_of(content: Sequence[Block]) -> str:
     """Markdown of parts of a page."""
-    return "\n\n".join(text for part in content if (text := _markdown(part)))
+    return "\n\n".join(lines for part in content if (lines := _markdown(part)))
 
 
 def _markdown(part: Block) -> str:
@@ -329,7 +322,7 @@ def _markdown(part: Block) -> str:
             return "\n".join(f"- {line}" for line in lines)
         case Code(text, language):
             return f"```{language}\n{text}\n```" if text else ""
-        case Details() | Html():
+        case Html():
             return ""
 
 

@@ -19,7 +19,7 @@ from cldit.io.plain_data import read_json
 from cldit.scene import Scene, dump_scene
 from cldit.show import page as show
 from cldit.show.figures.style import write_figure
-from cldit.show.page import Block, Details, Figure, Link, Section, Table
+from cldit.show.page import Block, Code, Figure, Link, Section, Table
 
 Row = Mapping[str, float | str]
 
@@ -137,7 +137,10 @@ class StudyPage:
 
     def html(self) -> show.Page:
         """Page as one file."""
-        scenes = [Details(name, dump_scene(scene)) for name, scene in self.scenes.items()]
+        scenes = [
+            Section(name, [Code(dump_scene(scene))], level=3, folded=True)
+            for name, scene in self.scenes.items()
+        ]
         note = f"`{self.command}`, cldit {version('cldit')}. {self._made()}"
         content: list[Block] = [
             self.about,

@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 from cldit.cli.options import pixels_of
 from cldit.gpu.device import Device, open_device
 from cldit.run import Say, simulate
-from cldit.scene import load_scene, shipped_scenes
-from cldit.scene.load import short_changes
+from cldit.scene import shipped_scenes
+from cldit.scene.load import chosen_scene
 from cldit.show.figures.plot import plot
 from cldit.show.figures.style import png_of
 from cldit.show.page import Block, Code, Figure, Page, Section, write_page
@@ -30,7 +30,7 @@ def write_gallery(
     folder: Path,
     *,
     options: str,
-    changes: dict[str, object],
+    pixels: int | Sequence[int] | None,
     device: Device,
     progress: Say | None = None,
 ) -> Path:
@@ -40,10 +40,10 @@ def write_gallery(
         names: of scenes, as for `cldit run`.
         folder: of the page; its folder `gallery` gets the figures.
         options: of `cldit run`, in the commands on the page.
-        changes: effect of the options, as for `Scene.with_`.
+        pixels: of the options.
         progress: called with lines of text.
     """
-    scenes = [(name, load_scene(name).with_(**changes)) for name in names]
+    scenes = [(name, chosen_scene(name, quick=True, pixels=pixels)) for name in names]
     sections = []
     for name, scene in scenes:
         if progress is not None:
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog=sys.argv[0], description=__doc__)
     parser.add_argument("scenes", nargs="*", help="default: all shipped ones")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the page")
-    parser.add_argument("--pixels", help="columns and rows of the images, N or NxM; default: 128")
+    parser.add_argument("--pixels", help="as of `cldit run`; default: 128")
     parser.add_argument("--device", help="index or name of an OpenCL device")
     given = parser.parse_args(arguments)
     pixels = None if given.pixels is None else pixels_of(given.pixels)
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         given.scenes or tuple(shipped_scenes()),
         given.out,
         options=f"--quick{more} --trace-only",
-        changes=short_changes(quick=True, pixels=pixels),
+        pixels=pixels,
         device=open_device(given.device),
         progress=print,
     )

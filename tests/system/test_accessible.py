@@ -24,7 +24,6 @@ from cldit.show.page import (
     Bar,
     Block,
     Code,
-    Details,
     Figure,
     Page,
     Section,
@@ -103,7 +102,7 @@ def parts(folder: Path) -> Path:
     content: list[Block] = [
         Section("Slider", [Slider("Background", {"400 K": a_line(), "500 K": a_line()})]),
         Section("Table", [Table(("name", "share"), [["one", Bar(0.4)]])]),
-        Details("scene.yaml", "name: a\n" * 90, open=True),
+        Section("scene.yaml", [Code("name: a\n" * 90)], folded=True),
         Code("cldit run gdi " + "--set walls.temperature_K=500 " * 9),
     ]
     return write_page(Page("All parts", content), folder / "parts.html")

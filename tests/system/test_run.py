@@ -17,7 +17,12 @@ from cldit.cli import main
 from cldit.errors import EvaluationError, RunFolderError
 
 SMALL: dict[str, Any] = {
-    "camera": {"pixels": [80, 80], "sensor": {"pixels": [64, 48], "bad_pixels": 3}},
+    "camera": {
+        "pixels": [80, 80],
+        "field_m": [0.16, 0.16],
+        "target_m": None,
+        "sensor": {"pixels": [64, 48], "bad_pixels": 3},
+    },
     "domain": {"leaf_edge_m": 2e-3},
     "plan": {"shots": 3, "references": 2},
     "spray": {"time_s": 0.6e-3},  # while it is injected

@@ -15,7 +15,7 @@ from cldit.cli import main
 from cldit.dit.maps import Maps
 
 SMALL: dict[str, Any] = {
-    "camera": {"pixels": [32, 32]},
+    "camera": {"pixels": [32, 32], "field_m": [0.16, 0.16], "target_m": None},
     "spray": {"spacing_m": 2e-3},
     "background": {"temperatures_K": [440.0, 480.0]},
     "domain": {"leaf_edge_m": 4e-3},

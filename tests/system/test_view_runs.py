@@ -22,7 +22,13 @@ from cldit.show.view.traced import traced_item
 from tests.viewed import Viewer, chromium, made_run, scene_for
 
 pytestmark = pytest.mark.slow
-SMALL = {"camera.pixels": [80, 80], "transport.accuracy_K": 8.0, "plan.shots": 2}
+SMALL = {
+    "camera.pixels": [80, 80],
+    "camera.field_m": [0.16, 0.16],
+    "camera.target_m": None,
+    "transport.accuracy_K": 8.0,
+    "plan.shots": 2,
+}
 MOST_BYTES = 15e6
 
 

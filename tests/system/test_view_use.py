@@ -178,6 +178,8 @@ def test_the_command_that_traces_it_anew(viewer: Viewer, tmp_path: Path) -> None
     assert viewer.page.inner_text("#command") == (
         "cldit run made.yaml --set walls.temperature_K=500 --set background.emissivity=0.8"
     )
+    viewer.set({"wall_K": 440.0, "emissivity": 0.93})  # those of the run
+    assert viewer.page.locator("#command-box").is_hidden()
 
 
 def test_files_say_what_was_changed(viewer: Viewer, tmp_path: Path) -> None:

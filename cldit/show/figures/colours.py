@@ -45,12 +45,12 @@ class Scale:
     @classmethod
     def of(cls, maps: Iterable[Maps]) -> "Scale":
         """Smallest scale that includes those of all maps; range (0, 0) without any temperature."""
-        found = [(temperature_range_K(each), emissivity_scale(each)) for each in maps]
-        known = [(low, high) for (low, high), _ in found if high > low]
-        full = max((scale for _, scale in found), default=1.0)
-        if not known:
+        scales = [(temperature_range_K(result), emissivity_scale(result)) for result in maps]
+        ranges = [(low, high) for (low, high), _ in scales if high > low]
+        full = max((scale for _, scale in scales), default=1.0)
+        if not ranges:
             return cls((0.0, 0.0), full)
-        return cls((min(low for low, _ in known), max(high for _, high in known)), full)
+        return cls((min(low for low, _ in ranges), max(high for _, high in ranges)), full)
 
     def ends_K(self, vmin: float | None, vmax: float | None) -> tuple[float, float]:
         """The given ends of the range, or its own; raises EvaluationError if they do not rise."""
@@ -79,9 +79,9 @@ def temperature_range_K(maps: Maps) -> tuple[float, float]:
     Only pixels that do not fade count, or all if there are none. Rounded outwards to 5 K; (0, 0)
     without any temperature.
     """
-    known = np.isfinite(maps.apparent_temperature_K)
-    counted = known & (maps.emissivity > _FADED * emissivity_scale(maps))
-    chosen = counted if counted.any() else known
+    finite = np.isfinite(maps.apparent_temperature_K)
+    counted = finite & (maps.emissivity > _FADED * emissivity_scale(maps))
+    chosen = counted if counted.any() else finite
     if not chosen.any():
         return 0.0, 0.0
     temperature = maps.apparent_temperature_K[chosen].astype(np.float64)
@@ -95,18 +95,18 @@ def temperature_range_K(maps: Maps) -> tuple[float, float]:
 
 def emissivity_scale(maps: Maps) -> float:
     """Full emissivity: percentile 99.5, rounded up to 1, 2, 3, 5 times 10^n, <= 1."""
-    known = maps.emissivity[np.isfinite(maps.emissivity)]
-    most = float(np.percentile(known, 99.5)) if known.size else 1.0
-    if not 1e-3 < most < 1.0:
-        return 1.0 if most >= 1.0 else 1e-3
-    power = 10.0 ** math.floor(math.log10(most))
-    return next(step * power for step in (1, 2, 3, 5, 10) if step * power > most * (1 - 1e-6))
+    emissivity = maps.emissivity[np.isfinite(maps.emissivity)]
+    upper = float(np.percentile(emissivity, 99.5)) if emissivity.size else 1.0
+    if not 1e-3 < upper < 1.0:
+        return 1.0 if upper >= 1.0 else 1e-3
+    power = 10.0 ** math.floor(math.log10(upper))
+    return next(step * power for step in (1, 2, 3, 5, 10) if step * power > upper * (1 - 1e-6))
 
 
 def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
     """Percentiles `cut` and 100 - `cut` of the finite `values`; never an empty interval."""
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return 0.0, 1.0
-    low, high = (float(at) for at in np.percentile(known, [cut, 100.0 - cut]))
+    low, high = (float(at) for at in np.percentile(finite, [cut, 100.0 - cut]))
     return (low, high) if high > low else (low, low + max(1.0, abs(low)) * 1e-6)

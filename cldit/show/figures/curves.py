@@ -29,8 +29,8 @@ def budget_figure(
     axes.barh(range(len(names)), sizes, color="C0")
     for at, name in enumerate(names):
         error_K = kelvin[name]
-        text = "unknown" if error_K is None else f"{error_K:.2g} K"
-        axes.annotate(text, (sizes[at], at), xytext=(4, 0), textcoords="offset points",
+        label = "unknown" if error_K is None else f"{error_K:.2g} K"
+        axes.annotate(label, (sizes[at], at), xytext=(4, 0), textcoords="offset points",
                       va="center", fontsize=7, zorder=3,
                       bbox={"facecolor": "white", "lw": 0, "pad": 0.5})  # fmt: skip
     axes.set_yticks(range(len(names)), [fill(plain(name), 32) for name in names])
@@ -50,7 +50,7 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
     quadrature = run.quadrature
     with np.errstate(divide="ignore", invalid="ignore"):
         hidden = 1.0 - np.array(
-            [one.background / run.reference.background for one in run.spectral], np.float64
+            [node.background / run.reference.background for node in run.spectral], np.float64
         )
     spray = np.isfinite(hidden).all(axis=0) & (np.nanmax(hidden, axis=0, initial=0.0) > 0.01)
     mean = hidden[:, spray].mean(axis=1) if spray.any() else np.zeros(len(hidden))
@@ -170,8 +170,8 @@ def life_figure(life: Life, *, title: str) -> Figure:
     """Figure of d^2, temperature, speed and mass of a droplet against time."""
     figure = figure_of(WIDTH_IN, 4.6)
     figure.suptitle(plain(title))
-    last = float(life.time_s[-1])
-    scale, unit = next(((s, u) for s, u in ((1.0, "s"), (1e3, "ms")) if last * s >= 1), (1e6, "µs"))
+    end = float(life.time_s[-1])
+    scale, unit = next(((s, u) for s, u in ((1.0, "s"), (1e3, "ms")) if end * s >= 1), (1e6, "µs"))
     panels = (
         (life.diameter_m**2 * 1e12, "d² / µm²", True),
         (life.temperature_K, "temperature / K", False),
@@ -185,7 +185,7 @@ def life_figure(life: Life, *, title: str) -> Figure:
         axes.set_ylabel(label)
         axes.grid()
         axes.ticklabel_format(axis="y", useOffset=False)
-        axes.set_xlim(0, last * scale)
+        axes.set_xlim(0, end * scale)
         if from_zero:
             axes.set_ylim(bottom=0)
     for axes in figure.axes[2:]:

@@ -34,12 +34,12 @@ def durations_s(times: Sequence[float]) -> list[float]:
 def write_film(gif: Path, images: Sequence[bytes], times: Sequence[float]) -> list[Path]:
     """Writes PNGs of one size as an animated GIF, and as MP4 if possible; returns the files."""
     shown_s = durations_s(times)
-    made = [gif]
-    write_bytes(made[0], gif_of(images, shown_s))
+    files = [gif]
+    write_bytes(files[0], gif_of(images, shown_s))
     if mp4_possible():
-        made.append(gif.with_suffix(".mp4"))
-        _write_mp4(made[1], images, shown_s)
-    return made
+        files.append(gif.with_suffix(".mp4"))
+        _write_mp4(files[1], images, shown_s)
+    return files
 
 
 def mp4_possible() -> bool:
@@ -64,7 +64,7 @@ def gif_of(images: Sequence[bytes], shown_s: Sequence[float]) -> bytes:
         format="GIF",
         save_all=True,
         append_images=shown[1:],
-        duration=[round(1e3 * each) for each in shown_s],
+        duration=[round(1e3 * time_s) for time_s in shown_s],
         loop=0,
         optimize=False,
     )
@@ -79,14 +79,14 @@ def _in_one_palette(images: Sequence[bytes]) -> list[Image.Image]:
     """
     # one image at a time is unpacked: those of a long series would not fit into memory
     codes = (_rgb(png).astype(np.uint32) @ _PLACES for png in images)
-    known = np.unique(np.concatenate([np.unique(each) for each in codes]))
-    seen = np.stack([known >> 16, known >> 8 & 255, known & 255], axis=1).astype(np.uint8)
-    found = Image.fromarray(seen[None]).quantize(254, kmeans=4).getpalette() or []
-    palette = [0, 0, 0, 255, 255, 255, *found[: 3 * 254]]
+    colours = np.unique(np.concatenate([np.unique(code) for code in codes]))
+    seen = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1).astype(np.uint8)
+    entries = Image.fromarray(seen[None]).quantize(254, kmeans=4).getpalette() or []
+    palette = [0, 0, 0, 255, 255, 255, *entries[: 3 * 254]]
     nearest = np.asarray(cKDTree(np.array(palette).reshape(-1, 3)).query(seen)[1], np.uint8)
     shown = []
     for png in images:
-        number = np.searchsorted(known, _rgb(png).astype(np.uint32) @ _PLACES)
+        number = np.searchsorted(colours, _rgb(png).astype(np.uint32) @ _PLACES)
         frame = Image.fromarray(nearest[number])
         frame.putpalette(palette)
         shown.append(frame)
@@ -97,8 +97,8 @@ def _write_mp4(path: Path, images: Sequence[bytes], shown_s: Sequence[float]) ->
     """Writes H.264 at a constant rate, with repeated images."""
     from imageio_ffmpeg import write_frames
 
-    first = _even(_rgb(images[0]))
-    rows, columns = first.shape[:2]
+    opening = _even(_rgb(images[0]))
+    rows, columns = opening.shape[:2]
     with whole(path) as part:
         writer = write_frames(
             str(part),

@@ -27,6 +27,7 @@ from cldit.show.figures.colours import (
 )
 from cldit.show.figures.panels import GREY, Frame, Panel, Window, panels_figure, window_around
 
+_VISIBLE = 0.05  # share of the light from which a panel is not just black
 Colours = str | Colormap
 """A colour map of matplotlib, or its name."""
 
@@ -45,7 +46,7 @@ def spray_window(maps: Maps, frame: Frame) -> Window:
 
 
 def map_panel(
-    maps: Maps, scale: Scale, *, title: str, paper: bool, cmap: Colours | None = None, **more: Any
+    maps: Maps, scale: Scale, *, title: str, paper: bool, cmap: Colours | None = None, **keys: Any
 ) -> Panel:
     """Panel of T_app (H, W), paler where the emissivity is low, or in the paper's colours."""
     low, high = scale.range_K
@@ -57,15 +58,15 @@ def map_panel(
         cmap or (HUE if paper else TEMPERATURE),
         opacity=scale.opacity(maps.emissivity, paper=paper),
         clear=maps.reason == Reason.EMISSIVITY_TOO_LOW,
-        **more,
+        **keys,
     )
 
 
-def map_panels(maps: Maps, scale: Scale, *, paper: bool = False, **more: Any) -> list[Panel]:
+def map_panels(maps: Maps, scale: Scale, *, paper: bool = False, **options: Any) -> list[Panel]:
     """Panels of T_app and emissivity (H, W)."""
     limits = (0.0, scale.emissivity)
     return [
-        map_panel(maps, scale, title="apparent temperature", paper=paper, **more),
+        map_panel(maps, scale, title="apparent temperature", paper=paper, **options),
         Panel(maps.emissivity, "emissivity", "emissivity", limits, EMISSIVITY),
     ]
 
@@ -79,17 +80,17 @@ def map_legend(
     reasons: Iterable[int], scale: Scale, *, paper: bool, cmap: Colours | None = None
 ) -> list[tuple[Any, str]]:
     """Colours that no colour bar shows, of pixels of these `reasons`, and their meaning."""
-    found = set(reasons)
+    present = set(reasons)
     legend: list[tuple[Any, str]] = []
-    if Reason.OK in found:
+    if Reason.OK in present:
         full = scale.emissivity if paper else 0.1 * scale.emissivity
         colours = cmap or ("hsv" if paper else TEMPERATURE)
         shade = (colormaps[colours] if isinstance(colours, str) else colours)(0.4, alpha=0.4)
         legend.append((shade, f"paler: emissivity below {full:g}"))
-    if Reason.EMISSIVITY_TOO_LOW in found:
+    if Reason.EMISSIVITY_TOO_LOW in present:
         legend.append(("white", "transparent: no apparent temperature"))
-    if text := ", ".join(text for reason, text in _SHORT.items() if reason in found):
-        legend.append((GREY, f"no value: {text}"))
+    if causes := ", ".join(cause for reason, cause in _SHORT.items() if reason in present):
+        legend.append((GREY, f"no value: {causes}"))
     return legend
 
 
@@ -127,8 +128,8 @@ def map_figure(
         stamp: text in the first panel, such as its time.
         reasons: of pixels in the legend; None: of those that are shown.
     """
-    own = Scale.of([maps])
-    limits = Scale(own.ends_K(vmin, vmax), scale or own.emissivity)
+    default = Scale.of([maps])
+    limits = Scale(default.ends_K(vmin, vmax), scale or default.emissivity)
     window = window or spray_window(maps, frame)
     panels = map_panels(maps, limits, paper=paper, cmap=cmap, stamp=stamp)
     legend = map_legend(reasons or reasons_in(maps, frame, window), limits, paper=paper, cmap=cmap)
@@ -173,7 +174,7 @@ def errors_panels(maps: Maps) -> list[Panel]:
     """Panels of both standard errors (H, W); that of the temperature in logarithmic colours."""
     error_K = maps.apparent_temperature_standard_error_K
     positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
-    known = maps.emissivity_standard_error
+    error = maps.emissivity_standard_error
     return [
         Panel(
             error_K,
@@ -185,10 +186,10 @@ def errors_panels(maps: Maps) -> list[Panel]:
             clear=maps.reason == Reason.EMISSIVITY_TOO_LOW,
         ),
         Panel(
-            known,
+            error,
             "standard error of emissivity",
             "standard error",
-            (0.0, robust_limits(known)[1]),
+            (0.0, robust_limits(error)[1]),
             ERROR,
         ),
     ]
@@ -254,12 +255,12 @@ class Shares:
             for name in (*outside, "vapour", "liquid"):
                 light = weights.images[name] * np.float64(radiances.get(name, 1.0))
                 images[name] = np.where(total > 0, light / total, np.nan)
-        before, now = (
+        outside_bare, outside_spray = (
             sum(part.images[name].astype(np.float64) for name in outside)
             for part in (reference, weights)
         )
         moved = np.abs(reference.background.astype(np.float64) - weights.background) > 0.01
-        return cls(images, (np.abs(before - now) > 0.01) | moved)
+        return cls(images, (np.abs(outside_bare - outside_spray) > 0.01) | moved)
 
     def means(self) -> dict[str, float]:
         """Mean shares over the pixels where the spray is; empty without any."""
@@ -272,9 +273,10 @@ class Shares:
         }
 
     def panels(self) -> list[Panel]:
-        """Panels of the shares of vapour and droplets."""
+        """Panels of the shares of vapour and droplets that are visible somewhere."""
         names = {"vapour": "vapour", "liquid": "droplets"}
         return [
-            Panel(self.images[name], f"share of {text} in the signal", "share", (0.0, 1.0))
-            for name, text in names.items()
+            Panel(self.images[name], f"share of {origin} in the signal", "share", (0.0, 1.0))
+            for name, origin in names.items()
+            if np.nanmax(self.images[name], initial=0.0) > _VISIBLE
         ]

@@ -37,7 +37,7 @@ def optics_figure(data: SceneOptics) -> Figure:
         panel(axes, data)
         axes.grid()
         axes.set_title(fill(axes.get_title(), 84 // columns))
-        short = max(len(text) for text in axes.get_legend_handles_labels()[1]) < 12
+        short = max(len(label) for label in axes.get_legend_handles_labels()[1]) < 12
         axes.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.2), frameon=False, ncols=3 if short else 1
         )
@@ -64,27 +64,27 @@ def _inside(wavelength: Floats, limits: tuple[float, float]) -> Floats:
 def _index(axes: Axes, data: SceneOptics) -> None:
     """Paper Fig. 3a, with the sources' data; k to the right."""
     optics = data.scene.optics
-    other = axes.twinx()
+    right_axes = axes.twinx()
     _shade(axes, data)
     if data.liquid is not None:
         wavelength = _inside(_around(data), data.liquid.wavelength_um)
         n, k = data.liquid.index(wavelength, data.fuel_K)
         axes.plot(wavelength, n, color=_BLUE, label=f"n, {data.liquid.name}")
-        other.plot(wavelength, k, color=_RED, label=f"k, {data.liquid.name}")
+        right_axes.plot(wavelength, k, color=_RED, label=f"k, {data.liquid.name}")
         title = f"liquid at {data.fuel_K:.0f} K ({data.liquid.status})"
     else:
         title = "liquid"
     axes.plot(optics.wavelength_um, optics.n, "o", color=_BLUE, mec="white")
-    other.plot(optics.wavelength_um, optics.k, "o", color=_RED, mec="white")
+    right_axes.plot(optics.wavelength_um, optics.k, "o", color=_RED, mec="white")
     axes.plot([], [], "o", color=_GREY, label=f"in the scene: {optics.n:g} - {optics.k:g}i")
     axes.plot(PAPER_UM, PAPER_N, "x", color=_BLACK, label=f"paper: {PAPER_N} - {PAPER_K}i")
-    other.plot(PAPER_UM, PAPER_K, "x", color=_BLACK)
+    right_axes.plot(PAPER_UM, PAPER_K, "x", color=_BLACK)
     axes.plot([], [], color=_RED, label="k (right)")
     axes.set(xlabel="wavelength / µm", ylabel="n", title=title)
-    other.set_ylabel("k")
-    other.set_ylim(0, 1.2 * other.get_ylim()[1])
+    right_axes.set_ylabel("k")
+    right_axes.set_ylim(0, 1.2 * right_axes.get_ylim()[1])
     axes.yaxis.label.set_color(_BLUE)
-    other.yaxis.label.set_color(_RED)
+    right_axes.yaxis.label.set_color(_RED)
 
 
 def _efficiencies(axes: Axes, data: SceneOptics) -> None:
@@ -97,8 +97,8 @@ def _efficiencies(axes: Axes, data: SceneOptics) -> None:
         table = droplets.table
         q_ext, q_sca, _ = table.efficiencies(d)
         values = ((q_ext, _BLACK, "ext"), (q_sca, _BLUE, "sca"), (q_ext - q_sca, _RED, "abs"))
-        for value, colour, which in values:
-            label = f"$Q_{{{which}}}$" if style == "-" else None
+        for value, colour, process in values:
+            label = f"$Q_{{{process}}}$" if style == "-" else None
             axes.semilogx(d * 1e6, value, style, color=colour, label=label)
         axes.plot([], [], style, color=_GREY, label=f"{name}: {table.n:.3f} - {table.k:.4f}i")
     axes.axhline(2.0, color=_GREY, linewidth=0.8, linestyle=":")
@@ -208,12 +208,12 @@ def _camera(axes: Axes, data: SceneOptics) -> None:
     _shade(axes, data)
     wavelength = _around(data)
     metre = wavelength * 1e-6
-    given = data.scene.camera.sensor.quantum_efficiency
-    curve = not isinstance(given, float)
+    stated = data.scene.camera.sensor.quantum_efficiency
+    curve = not isinstance(stated, float)
     efficiency = (
-        np.full(wavelength.shape, given)
-        if isinstance(given, float)
-        else Response(given).at(wavelength)
+        np.full(wavelength.shape, stated)
+        if isinstance(stated, float)
+        else Response(stated).at(wavelength)
     )
     temperatures = [t for t in data.scene.background.temperatures_K if t > 0]
     drawn = temperatures if len(temperatures) <= 6 else temperatures[:: -(-len(temperatures) // 6)]
@@ -230,5 +230,5 @@ def _camera(axes: Axes, data: SceneOptics) -> None:
     axes.set(
         xlabel="wavelength / µm",
         ylabel="electrons / (s m² sr µm)",
-        title=f"signal of the backgrounds, quantum efficiency {'as given' if curve else given}",
+        title=f"signal of the backgrounds, quantum efficiency {'as given' if curve else stated}",
     )

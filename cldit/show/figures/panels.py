@@ -90,35 +90,36 @@ def window_around(weight: NDArray[np.floating], frame: Frame) -> Window:
     With a margin, in round numbers, at least half as wide as high and the reverse; the whole image
     without any weight.
     """
-    whole = frame.extent_mm(weight.shape)
-    known = np.maximum(np.nan_to_num(np.asarray(weight, np.float64)), 0.0)
-    if not known.any():
-        return whole
-    left, right, bottom, top = whole
+    extent = frame.extent_mm(weight.shape)
+    positive = np.maximum(np.nan_to_num(np.asarray(weight, np.float64)), 0.0)
+    if not positive.any():
+        return extent
+    left, right, bottom, top = extent
     spans = []
-    for along, first, last in ((known.sum(axis=0), left, right), (known.sum(axis=1), top, bottom)):
-        edges = np.linspace(first, last, along.size + 1)
+    sums = (positive.sum(axis=0), left, right), (positive.sum(axis=1), top, bottom)
+    for along, start, end in sums:
+        edges = np.linspace(start, end, along.size + 1)
         share = np.cumsum(along) / along.sum()
         ends = [edges[np.searchsorted(share, 1e-3)], edges[np.searchsorted(share, 0.999) + 1]]
-        if min(first, last) <= 0.0 <= max(first, last):
+        if min(start, end) <= 0.0 <= max(start, end):
             ends.append(0.0)
         spans.append((min(ends), max(ends)))
     size = max(high - low for low, high in spans)
-    found: list[float] = []
+    ends_mm: list[float] = []
     for (low, high), limits in zip(spans, ((left, right), (bottom, top)), strict=True):
         beside = max(0.06 * size, 0.25 * size - 0.5 * (high - low))
         step = 10.0 ** math.floor(math.log10(size)) / 2.0
-        found += [
+        ends_mm += [
             max(limits[0], step * math.floor((low - beside) / step)),
             min(limits[1], step * math.ceil((high + beside) / step)),
         ]
-    return found[0], found[1], found[2], found[3]
+    return ends_mm[0], ends_mm[1], ends_mm[2], ends_mm[3]
 
 
 def joined(windows: Sequence[Window]) -> Window:
     """Smallest window that includes all of them."""
-    left, right, bottom, top = zip(*windows, strict=True)
-    return min(left), max(right), min(bottom), max(top)
+    edges = np.array(windows).T
+    return float(min(edges[0])), float(max(edges[1])), float(min(edges[2])), float(max(edges[3]))
 
 
 @styled
@@ -147,16 +148,16 @@ def panels_figure(
     rows = -(-len(panels) // columns)
     beside = _KEY_GAP + _KEY + _KEY_LABELS
     lost = _LEFT + _EDGE + (columns - 1) * _GAP + (1 if shared else columns) * beside
-    aspects = [(top - bottom) / (right - left) for left, right, bottom, top in windows]
+    aspects = [(edges[3] - edges[2]) / (edges[1] - edges[0]) for edges in windows]
     tall = [max(aspects[row * columns : (row + 1) * columns]) for row in range(rows)]
     wide = min((WIDTH_IN - lost) / columns, _WIDEST, _HIGH / sum(tall))
     letter = _LETTER if len(panels) > 1 else 0.0
     titles = [_wrapped(plain(panel.title), wide - letter) for panel in panels]
-    above = 0.05 + _LINE * max(one.count("\n") + 1 if one else 0 for one in titles)
+    above = 0.05 + _LINE * max(name.count("\n") + 1 if name else 0 for name in titles)
     width = max(lost + columns * wide, 0.5 * WIDTH_IN)
-    lines = [_wrapped(plain(text), width - 0.6) for _, text in legend]
-    side_by_side = sum(0.5 + _CHARACTER * len(text) for _, text in legend) < width
-    high_lines = 1 if side_by_side else sum(one.count("\n") + 1 for one in lines)
+    lines = [_wrapped(plain(meaning), width - 0.6) for _, meaning in legend]
+    side_by_side = sum(0.5 + _CHARACTER * len(meaning) for _, meaning in legend) < width
+    high_lines = 1 if side_by_side else sum(line.count("\n") + 1 for line in lines)
     labelled = [
         number + columns >= len(panels) or windows[number + columns] != windows[number]
         for number in range(len(panels))
@@ -167,8 +168,8 @@ def panels_figure(
     at = head
     for row in range(rows):
         tops.append(at + above)
-        own = any(labelled[row * columns : (row + 1) * columns])
-        at = tops[-1] + tall[row] * wide + (_BOTTOM if own else 0.06)
+        any_labelled = any(labelled[row * columns : (row + 1) * columns])
+        at = tops[-1] + tall[row] * wide + (_BOTTOM if any_labelled else 0.06)
     height = at + (_LINE * high_lines + 0.06 if lines else 0.0)
     figure = figure_of(width, height, layout=None)
     if title:
@@ -184,11 +185,11 @@ def panels_figure(
         x, high = start + column * step, aspect * wide
         axes = axes_at(x, tops[row], wide, high)
         _draw(axes, panel)
-        _label(axes, panel, first=column == 0, last=labelled[number])
-        for text, right, weight in ((f"({chr(97 + number)})", 0.0, "bold"),
+        _label(axes, panel, leftmost=column == 0, lowest=labelled[number])
+        for label, right, weight in ((f"({chr(97 + number)})", 0.0, "bold"),
                                     (titles[number], letter, "normal")):  # fmt: skip
             if letter or weight == "normal":
-                axes.annotate(text, (right / wide, 1.0), (0, 3), "axes fraction", "offset points",
+                axes.annotate(label, (right / wide, 1.0), (0, 3), "axes fraction", "offset points",
                               weight=weight, va="bottom")  # fmt: skip
         left, right, bottom, top = windows[number]
         if number == 0 and left < 0 < right and bottom < 0 < top - 0.07 * (top - bottom):
@@ -197,8 +198,8 @@ def panels_figure(
         if not shared:
             _key(axes_at(x + wide + _KEY_GAP, tops[row], _KEY, high), [panel])
     if shared:
-        last = min(rows, 2) - 1
-        span = tops[last] + tall[last] * wide - tops[0]
+        lowest_row = min(rows, 2) - 1
+        span = tops[lowest_row] + tall[lowest_row] * wide - tops[0]
         _key(axes_at(start + columns * wide + (columns - 1) * _GAP + _KEY_GAP, tops[0], _KEY, span),
              panels)  # fmt: skip
     if lines:
@@ -228,12 +229,12 @@ def _cut(panel: Panel, frame: Frame | None, window: Window | None) -> Panel:
     )
 
 
-def _inside(first: float, last: float) -> slice:
-    return slice(max(0, math.floor(first + 1e-6)), max(1, math.ceil(last - 1e-6)))
+def _inside(start: float, end: float) -> slice:
+    return slice(max(0, math.floor(start + 1e-6)), max(1, math.ceil(end - 1e-6)))
 
 
-def _wrapped(text: str, width_in: float) -> str:
-    return "\n".join(textwrap.wrap(text, max(8, int(width_in / _CHARACTER))))
+def _wrapped(label: str, width_in: float) -> str:
+    return "\n".join(textwrap.wrap(label, max(8, int(width_in / _CHARACTER))))
 
 
 def _norm(panel: Panel) -> Normalize:
@@ -268,20 +269,20 @@ def _draw(axes: Axes, panel: Panel) -> None:
                   bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 1.5})  # fmt: skip
 
 
-def _label(axes: Axes, panel: Panel, *, first: bool, last: bool) -> None:
+def _label(axes: Axes, panel: Panel, *, leftmost: bool, lowest: bool) -> None:
     assert panel.frame is not None and panel.window is not None
     left, right, bottom, top = panel.window
     axes.set(xlim=(left, right), ylim=(bottom, top))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_xticks([tick for tick in axes.get_xticks() if left <= tick <= right])
-    for tick, text in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True):
+    for tick, label in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True):
         if tick in (left, right):  # beside the label of the next panel
-            text.set_horizontalalignment("left" if tick == left else "right")
-    axes.tick_params(labelleft=first, labelbottom=last)
-    if first:
+            label.set_horizontalalignment("left" if tick == left else "right")
+    axes.tick_params(labelleft=leftmost, labelbottom=lowest)
+    if leftmost:
         axes.set_ylabel(f"{panel.frame.axes[1]} / mm")
-    if last:
+    if lowest:
         axes.set_xlabel(f"{panel.frame.axes[0]} / mm")
 
 
@@ -309,17 +310,17 @@ def _key(axes: Axes, panels: Sequence[Panel]) -> None:
         axes.text(0.5, 0.5, "no value", rotation=90, ha="center", va="center")
         return
     low, high = limits = panels[0].limits or (0.0, 1.0)
-    first, most = panels[0], max(abs(low), abs(high))
-    power = 0 if first.logarithmic or 1e-3 <= most < 1e4 else math.floor(math.log10(most or 1.0))
-    unit = rf"$10^{{{power}}}$ {first.label}" if power else first.label
+    panel, size = panels[0], max(abs(low), abs(high))
+    power = 0 if panel.logarithmic or 1e-3 <= size < 1e4 else math.floor(math.log10(size or 1.0))
+    unit = rf"$10^{{{power}}}$ {panel.label}" if power else panel.label
     bar = axes.figure.colorbar(
-        ScalarMappable(_norm(first), first.colours),
+        ScalarMappable(_norm(panel), panel.colours),
         cax=axes,
         extend=beyond(limits, *(_shown(panel) for panel in panels)),
         extendfrac=0.04,
     )
     high_in = axes.get_window_extent().height / axes.figure.dpi
-    if first.logarithmic:
+    if panel.logarithmic:
         bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         bar.ax.minorticks_off()
     else:

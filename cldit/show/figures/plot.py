@@ -84,24 +84,24 @@ def plot(
     return kinds[what](of, **options) if ax is None else _onto(ax, of, what, **options)
 
 
-def _onto(ax: Axes, of: Any, what: str, **options: Any) -> Figure:
+def _onto(ax: Axes, of: Any, kind: str, **options: Any) -> Figure:
     """Draws one quantity into given axes; the figure that they belong to."""
     figure = ax.get_figure(root=True)
     assert figure is not None
-    own = {name: options.pop(name) for name in ("emissivity",) if name in options}
-    if what == "profile":
-        found = of if isinstance(of, Profile) else _profile_of(of, **options)
-        draw_profile(ax, found, **own)
+    quantity = {name: options.pop(name) for name in ("emissivity",) if name in options}
+    if kind == "profile":
+        profile = of if isinstance(of, Profile) else _profile_of(of, **options)
+        draw_profile(ax, profile, **quantity)
         return figure
-    if isinstance(of, Spray) or what not in ("maps", "acquired"):
+    if isinstance(of, Spray) or kind not in ("maps", "acquired"):
         raise EvaluationError(
-            f"plot: ax with {what!r}; allowed: maps, acquired or profile, of a run or an evaluation"
+            f"plot: ax with {kind!r}; allowed: maps, acquired or profile, of a run or an evaluation"
         )
     if isinstance(of, Run):
-        maps, frame = _recorded(of) if what == "acquired" else (of.maps, frame_of(of.scene))
+        maps, frame = _recorded(of) if kind == "acquired" else (of.maps, frame_of(of.scene))
     else:
         maps, frame = maps_of(of)
-    draw_map(ax, maps, frame, **own, **options)
+    draw_map(ax, maps, frame, **quantity, **options)
     return figure
 
 
@@ -124,12 +124,12 @@ def _summary(run: Run) -> Figure:
     maps, frame = _recorded(run)
     if run.folder is None:
         raise RunFolderError(f"{run.scene.name}: is not stored; give `out` to simulate")
-    found = open_acquisition(run.folder / "acquisition")
-    shots = [shot for shot in found.shots if shot.kind == "injection"]
-    shot = sorted(shots, key=lambda each: each.background_setpoint_K)[len(shots) // 2]
+    stored = open_acquisition(run.folder / "acquisition")
+    shots = [shot for shot in stored.shots if shot.kind == "injection"]
+    shot = sorted(shots, key=lambda item: item.background_setpoint_K)[len(shots) // 2]
     background = f"background {shot.background_setpoint_K:g} K"
     scale = Scale.of([maps])
-    raw = Panel(found.load(shot), f"camera frame, {background}", "signal / counts", colours=COUNTS)
+    raw = Panel(stored.load(shot), f"camera frame, {background}", "signal / counts", colours=COUNTS)
     panels = [raw, *map_panels(maps, scale), errors_panels(maps)[0]]
     title, window = f"{run.scene.name}: simulated recording", spray_window(maps, frame)
     legend = map_legend(reasons_in(maps, frame, window), scale, paper=False)
@@ -141,10 +141,10 @@ def _errors(run: Run) -> Figure:
     return _of_trace(run, panels, "standard errors")
 
 
-def _of_trace(run: Run, panels: Sequence[Panel], what: str) -> Figure:
+def _of_trace(run: Run, panels: Sequence[Panel], subject: str) -> Figure:
     frame = frame_of(run.scene)
     window = spray_window(run.maps, frame)
-    return panels_figure(panels, frame, title=f"{run.scene.name}: {what}", window=window)
+    return panels_figure(panels, frame, title=f"{run.scene.name}: {subject}", window=window)
 
 
 def _weights(run: Run) -> Figure:
@@ -199,11 +199,11 @@ def maps_of(data: "xarray.Dataset") -> tuple[Maps, Frame]:
         raise EvaluationError(
             f"plot: the maps have the axes {', '.join(axes)}; allowed: one scene, by data.sel(..)"
         )
-    known = np.isfinite(warm.values)
+    finite = np.isfinite(warm.values)
     absent: dict[str, Any] = {
-        "reason": np.where(known, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)
+        "reason": np.where(finite, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)
     }
-    nothing = np.full(known.shape, np.nan, np.float32)
+    nothing = np.full(finite.shape, np.nan, np.float32)
     maps = Maps(
         **{name: data[name].values if name in data else absent.get(name, nothing) for name in UNITS}
     )
@@ -232,10 +232,10 @@ def _data_errors(data: "xarray.Dataset") -> Figure:
 
 
 def _data_budget(data: "xarray.Dataset") -> Figure:
-    found = parse_json(str(data.attrs.get("evaluation", "{}"))).get("budget")
-    if not found:
+    budget = parse_json(str(data.attrs.get("evaluation", "{}"))).get("budget")
+    if not budget:
         raise EvaluationError(f"{_title(data)}: has no budget (setup.uncertainty states it)")
-    kelvin = {name: part["apparent_temperature_K"] for name, part in found.items()}
+    kelvin = {name: part["apparent_temperature_K"] for name, part in budget.items()}
     total_K = kelvin.pop("total", None)
     title = f"{_title(data)}: budget of T_app, median pixel"
     return budget_figure(kelvin, title=title, total_K=total_K)
@@ -250,8 +250,8 @@ def _profile_of(of: "Run | xarray.Dataset", **options: Any) -> Profile:
     if isinstance(of, Run):
         return of.profile(**options)
     maps, frame = maps_of(of)
-    given = {"pixel_m": frame.pixel_m, "centre_m": frame.centre_m}
-    return profile_of(maps, **{**given, **options})
+    geometry = {"pixel_m": frame.pixel_m, "centre_m": frame.centre_m}
+    return profile_of(maps, **{**geometry, **options})
 
 
 _OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {

@@ -47,10 +47,10 @@ def human(key: str, value: float) -> tuple[str, str]:
     if unit == "mm" and 0.0 < abs(value) < 1e-4:
         unit, factor = "µm", 1e6
     shown = value * factor
-    text = f"{shown:.0f}" if float(shown).is_integer() and abs(shown) < 1e15 else f"{shown:.4g}"
+    number = f"{shown:.0f}" if float(shown).is_integer() and abs(shown) < 1e15 else f"{shown:.4g}"
     if unit == "K" and quantity == "temperature":
-        return extreme + _NAMES.get(name, name), f"{text} K ({value - ZERO_CELSIUS_K:.0f} °C)"
-    return extreme + _NAMES.get(name, name), f"{text} {unit}".rstrip()
+        return extreme + _NAMES.get(name, name), f"{number} K ({value - ZERO_CELSIUS_K:.0f} °C)"
+    return extreme + _NAMES.get(name, name), f"{number} {unit}".rstrip()
 
 
 def human_figures(values: Mapping[str, float]) -> dict[str, str]:

@@ -107,9 +107,9 @@ def figure_of(
     return figure
 
 
-def plain(text: str) -> str:
+def plain(label: str) -> str:
     """User text for a figure, in which `$` starts no formula."""
-    return text.replace("$", r"\$")
+    return label.replace("$", r"\$")
 
 
 def plain_ticks(axes: Axes) -> None:

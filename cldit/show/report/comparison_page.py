@@ -25,55 +25,61 @@ _LABELS = ("apparent temperature / K", "change / K", "emissivity", "change")
 _RESIDUAL = 4.0  # standard errors at the ends of the colours
 
 
-def comparison_figure(found: Difference) -> Drawing:
+def comparison_figure(difference: Difference) -> Drawing:
     """T_app of both, their difference, and the residuals in standard errors."""
-    one, other = found.seen
-    warm = [each.maps.apparent_temperature_K for each in found.seen]
-    visible = np.isfinite(found.residuals)
-    both = np.concatenate([image[visible] for image in warm])
-    limits = robust_limits(both) if both.size else None
-    change = np.where(visible, found.change_K, np.nan)
-    most = float(np.percentile(np.abs(change[visible]), 99)) if both.size else 1.0
-    frame = Frame(pixel_m=one.pixel_m, centre_m=one.centre_m)
+    base, changed = difference.seen
+    warm = [result.maps.apparent_temperature_K for result in difference.seen]
+    visible = np.isfinite(difference.residuals)
+    warm_K = np.concatenate([image[visible] for image in warm])
+    limits = robust_limits(warm_K) if warm_K.size else None
+    change = np.where(visible, difference.change_K, np.nan)
+    top_K = float(np.percentile(np.abs(change[visible]), 99)) if warm_K.size else 1.0
+    frame = Frame(pixel_m=base.pixel_m, centre_m=base.centre_m)
     panels = [
         Panel(image, name, "T_app / K", limits=limits, colours=TEMPERATURE)
-        for image, name in zip(warm, _ends_apart(one.name, other.name), strict=True)
+        for image, name in zip(warm, _ends_apart(base.name, changed.name), strict=True)
     ]
     panels += [
-        Panel(change, "difference", "change of T_app / K", limits=(-most, most), colours=CHANGE),
         Panel(
-            found.residuals,
+            change,
+            "difference",
+            "change of T_app / K",
+            limits=(-top_K, top_K),
+            colours=CHANGE,
+        ),
+        Panel(
+            difference.residuals,
             "residual",
             "standard errors",
             limits=(-_RESIDUAL, _RESIDUAL),
             colours=CHANGE,
         ),
     ]
-    window = window_around(np.where(visible, one.maps.emissivity, 0.0), frame)
-    title = "{1} minus {0}".format(*_ends_apart(one.name, other.name))
+    window = window_around(np.where(visible, base.maps.emissivity, 0.0), frame)
+    title = "{1} minus {0}".format(*_ends_apart(base.name, changed.name))
     return panels_figure(panels, frame, title=title, window=window)
 
 
 @styled
-def profiles_figure(found: Difference) -> Drawing:
+def profiles_figure(difference: Difference) -> Drawing:
     """T_app and emissivity of both along each line, and their changes, with bands of the errors."""
-    lines = found.profiles
+    lines = difference.profiles
     figure = figure_of(WIDTH_IN, 6.4)
     axes = figure.subplots(
         4, len(lines), sharex="col", sharey="row", squeeze=False, height_ratios=(2, 1, 2, 1)
     )
-    names = [plain(name) for name in _ends_apart(*(each.name for each in found.seen))]
+    names = [plain(name) for name in _ends_apart(*(result.name for result in difference.seen))]
     warm = []
     for column, (where, line) in zip(axes.T, lines.items(), strict=True):
         visible = np.isfinite(line.change_K)
         along = 1e3 * line.one.distance_m
-        for each, name, color in ((line.one, names[0], "C0"), (line.other, names[1], "C3")):
+        for profile, name, color in ((line.one, names[0], "C0"), (line.other, names[1], "C3")):
             for row, emissivity in ((0, False), (2, True)):
-                draw_profile(column[row], each, emissivity=emissivity, color=color)
+                draw_profile(column[row], profile, emissivity=emissivity, color=color)
                 column[row].lines[-1].set_label(name)
                 column[row].set(xlabel="", ylabel="")
-            error_K = np.nan_to_num(each.apparent_temperature_standard_error_K)
-            warm += [(each.apparent_temperature_K + sign * error_K)[visible] for sign in (-1, 1)]
+            error_K = np.nan_to_num(profile.apparent_temperature_standard_error_K)
+            warm += [(profile.apparent_temperature_K + sign * error_K)[visible] for sign in (-1, 1)]
         for row, change, error in (
             (1, line.change_K, line.change_error_K),
             (3, line.emissivity_change, line.emissivity_change_error),
@@ -89,11 +95,11 @@ def profiles_figure(found: Difference) -> Drawing:
         column[-1].set_xlabel(f"distance from the {_FROM[where]} / mm")
     for row, label in zip(axes, _LABELS, strict=True):
         row[0].set_ylabel(label)
-        for each in row:
-            each.grid()
-    known = np.concatenate(warm)
-    if known.size:  # T_app of thin spray is mostly noise
-        low, high = np.percentile(known, (1.0, 99.0))
+        for panel in row:
+            panel.grid()
+    warm_K = np.concatenate(warm)
+    if warm_K.size:  # T_app of thin spray is mostly noise
+        low, high = np.percentile(warm_K, (1.0, 99.0))
         margin = 0.05 * (high - low) + 0.1
         axes[0, 0].set_ylim(low - margin, high + margin)
     axes[0, 0].legend()
@@ -101,33 +107,36 @@ def profiles_figure(found: Difference) -> Drawing:
     return figure
 
 
-def _ends_apart(one: str, other: str) -> tuple[str, str]:
+def _ends_apart(base: str, changed: str) -> tuple[str, str]:
     """Two names of folders, without what they have in common at their beginning."""
-    parts = [Path(name).parts for name in (one, other)]
+    parts = [Path(name).parts for name in (base, changed)]
     same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(*parts, strict=False)))
-    first, second = ("/".join(each[same:]) or each[-1] for each in parts)
-    return first, second
+    base_end, changed_end = ("/".join(part[same:]) or part[-1] for part in parts)
+    return base_end, changed_end
 
 
-def write_comparison(found: Comparison, folder: Path, *, suffix: str = ".png") -> list[Path]:
+def write_comparison(comparison: Comparison, folder: Path, *, suffix: str = ".png") -> list[Path]:
     """Writes the page of a comparison, `regions.csv`, `profiles.csv` and two figures of each
     difference, as .png, .pdf or .svg, into a folder; returns the paths of figures and page.
     """
     make_folder(folder)
-    write_text(folder / REGIONS, regions_csv(found.differences))
-    write_text(folder / PROFILES, profiles_csv(found.differences))
+    write_text(folder / REGIONS, regions_csv(comparison.differences))
+    write_text(folder / PROFILES, profiles_csv(comparison.differences))
     content: list[Block] = []
     written: list[Path] = []
-    for number, each in enumerate(found.differences, start=1):
-        drawn = {"difference": comparison_figure(each)}
-        if each.profiles:
-            drawn["profiles"] = profiles_figure(each)
-        more = "" if number == 1 else f"-{number}"
+    for number, difference in enumerate(comparison.differences, start=1):
+        drawn = {"difference": comparison_figure(difference)}
+        if difference.profiles:
+            drawn["profiles"] = profiles_figure(difference)
+        ending = "" if number == 1 else f"-{number}"
         written += [
-            write_figure(figure, folder / f"{name}{more}{suffix}") for name, figure in drawn.items()
+            write_figure(figure, folder / f"{name}{ending}{suffix}")
+            for name, figure in drawn.items()
         ]
         images = [Figure(png_of(figure), _ABOUT[name]) for name, figure in drawn.items()]
-        content.append(Section(f"{each.other} minus {each.one}", _sections(each, images)))
+        content.append(
+            Section(f"{difference.other} minus {difference.one}", _sections(difference, images))
+        )
     return [*written, write_page(Page("Comparison", content), folder / PAGE)]
 
 
@@ -139,36 +148,36 @@ _ABOUT = {
 }
 
 
-def _sections(found: Difference, figures: Sequence[Figure]) -> list[Block]:
-    large = [[one.name, f"{one.size:+.2f}"] for one in found.modes]
+def _sections(difference: Difference, figures: Sequence[Figure]) -> list[Block]:
+    large = [[mode.name, f"{mode.size:+.2f}"] for mode in difference.modes]
     return [
-        *found.verdict.lines,
+        *difference.verdict.lines,
         *figures,
         Table(
             ("region", "RMS", "mean", "chi-square", "p", "pixels"),
-            [[name, *region.cells] for name, region in found.regions.items()],
+            [[name, *region.cells] for name, region in difference.regions.items()],
         ),
         Table(
-            ("shape", found.one, found.other),
+            ("shape", difference.one, difference.other),
             [
                 [name, *(f"{value:.4g} ± {error:.2g}" for value, error in values)]
-                for name, values in found.shapes.items()
+                for name, values in difference.shapes.items()
             ],
         ),
         Table(
             ("error that all pixels share", "size that fits best, in standard deviations"), large
         ),
-        Bullets([key.text for key in found.keys]),
+        Bullets([key.text for key in difference.keys]),
     ]
 
 
 def regions_csv(differences: Sequence[Difference]) -> str:
     """Table of all regions of all differences."""
-    names = [one.name for one in fields(RegionDifference)]
+    names = [column.name for column in fields(RegionDifference)]
     rows = (
-        [each.one, each.other, name, *astuple(region)]
-        for each in differences
-        for name, region in each.regions.items()
+        [difference.one, difference.other, name, *astuple(region)]
+        for difference in differences
+        for name, region in difference.regions.items()
     )
     return csv_text(["one", "other", "region", *names], rows)
 
@@ -176,9 +185,9 @@ def regions_csv(differences: Sequence[Difference]) -> str:
 def profiles_csv(differences: Sequence[Difference]) -> str:
     """Table of the profiles of all differences, a row for each point."""
     tables = [
-        ([each.one, each.other, name], line.columns)
-        for each in differences
-        for name, line in each.profiles.items()
+        ([difference.one, difference.other, name], line.columns)
+        for difference in differences
+        for name, line in difference.profiles.items()
     ]
     names = list(tables[0][1]) if tables else []
     rows = (

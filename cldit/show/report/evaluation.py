@@ -48,13 +48,13 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
     drifts = _by_background(
         "term",
         [
-            (one["name"], one["setpoints"], [f"{k:+.3f} K" for k in one["kelvin"]])
-            for one in stored.get("drifts", [])
+            (drift["name"], drift["setpoints"], [f"{k:+.3f} K" for k in drift["kelvin"]])
+            for drift in stored.get("drifts", [])
         ],
     )
     budget = _budget(parts)
     return [
-        Section("Consistency of the shots", _witnesses(stored)),
+        Section("Consistency of the shots", _witnesses(stored), folded=True),
         Section(
             "Drift that references and injections share",
             [
@@ -63,6 +63,7 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
                 "its sign; the others are standard deviations." if drifts.rows else "",
                 drifts,
             ],
+            folded=True,
         ),
         Section(
             "Uncertainty budget: errors that no shot shows",
@@ -71,33 +72,34 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
                 budget,
                 *_error_figures(list(parts), maps, frame, title),
             ],
+            folded=True,
         ),
     ]  # fmt: skip
 
 
 def _witnesses(stored: Mapping[str, Any]) -> list[Block]:
-    found = stored.get("witnesses", [])
-    in_kelvin = [one for one in found if one.get("setpoints")]
-    others = [one for one in found if not one.get("setpoints") and not one["stands_out"]]
+    witnesses = stored.get("witnesses", [])
+    in_kelvin = [witness for witness in witnesses if witness.get("setpoints")]
+    rest = [row for row in witnesses if not row.get("setpoints") and not row["stands_out"]]
     table = _by_background(
         "witness",
         [
-            (one["compared"], one["setpoints"], _with_noise(one), one["says"] or "none detected")
-            for one in in_kelvin
+            (row["compared"], row["setpoints"], _with_noise(row), row["says"] or "none detected")
+            for row in in_kelvin
         ],
-        last="finding",
+        last_title="finding",
     )
     return [
         Bullets(
             [
-                f"{one['name']}: {one.get('says') or one['text']}"
-                for one in found
-                if one["stands_out"]
+                f"{witness['name']}: {witness.get('says') or witness['text']}"
+                for witness in witnesses
+                if witness["stands_out"]
             ]
         ),
         "Each witness in kelvin of the black body, with its noise:" if table.rows else "",
         table,
-        *(one["text"] for one in others),
+        *(witness["text"] for witness in rest),
         _improbable(stored),
         *stored["remarks"],
     ]
@@ -110,12 +112,13 @@ def _with_noise(witness: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _by_background(first: str, rows: Sequence[tuple[Any, ...]], *, last: str = "") -> Table:
+def _by_background(title: str, rows: Sequence[tuple[Any, ...]], *, last_title: str = "") -> Table:
     """Table with a column for each background; rows: (name, set points, cells, last cell)."""
     if not rows:
         return Table((), ())
-    titles = [first, *(f"{kelvin:g} K" for kelvin in rows[0][1]), *([last] if last else [])]
-    return Table(titles, [[name, *cells, *more] for name, _, cells, *more in rows])
+    columns = [f"{kelvin:g} K" for kelvin in rows[0][1]]
+    titles = [title, *columns, *([last_title] if last_title else [])]
+    return Table(titles, [[name, *cells, *last_cells] for name, _, cells, *last_cells in rows])
 
 
 def _improbable(stored: Mapping[str, Any]) -> str:
@@ -130,9 +133,9 @@ def _improbable(stored: Mapping[str, Any]) -> str:
 
 def _budget(parts: Mapping[str, Any]) -> Table:
     rows = [
-        [name, f"{one['apparent_temperature_K']:.2g} K", f"{one['emissivity']:.1g}"]
-        for name, one in parts.items()
-        if one["apparent_temperature_K"] is not None and one["emissivity"] is not None
+        [name, f"{part['apparent_temperature_K']:.2g} K", f"{part['emissivity']:.1g}"]
+        for name, part in parts.items()
+        if part["apparent_temperature_K"] is not None and part["emissivity"] is not None
     ]
     return Table(["part and its size", "T_app", "emissivity"], rows)
 
@@ -140,8 +143,8 @@ def _budget(parts: Mapping[str, Any]) -> Table:
 def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -> list[Figure]:
     """Systematic and total errors; and the change of T_app by each part alone."""
     totals = [
-        Panel(read_image(path)[0], text, f"error / {unit}" if unit else "error", colours=ERROR)
-        for name, (text, unit) in _TOTALS.items()
+        Panel(read_image(path)[0], label, f"error / {unit}" if unit else "error", colours=ERROR)
+        for name, (label, unit) in _TOTALS.items()
         if (path := maps / f"{name}.tif").is_file()
     ]
     single = [
@@ -157,10 +160,10 @@ def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -
     ]  # fmt: skip
     window = spray_window(Maps.load(maps), frame)
     return [
-        Figure(png_of(panels_figure(some, frame, title=f"{title}: {what}", window=window),
+        Figure(png_of(panels_figure(panels, frame, title=f"{title}: {subject}", window=window),
                       dpi=SCREEN_DPI), caption)
-        for some, what, caption in drawn
-        if some
+        for panels, subject, caption in drawn
+        if panels
     ]  # fmt: skip
 
 
@@ -169,7 +172,7 @@ def pixels_section(maps: Maps) -> Section:
     count = {reason.text: number for reason, number in maps.count().items()}
     total = max(sum(count.values()), 1)
     rows = [[name, str(n), f"{100 * n / total:.1f} %"] for name, n in count.items()]
-    return Section("Pixels", [Table((), rows, numbers=(1, 2))])
+    return Section("Pixels", [Table((), rows, numbers=(1, 2))], folded=True)
 
 
 def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:

@@ -24,25 +24,25 @@ def write_pages(folder: str | Path) -> tuple[Path, ...]:
     folder: evaluated acquisition, folder with measured.yaml, or such a file itself. Returns the
     pages' paths.
     """
-    found = open_recorded(folder)
-    frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
+    recorded = open_recorded(folder)
+    frame = Frame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
     return tuple(
         write_evaluation_page(
-            place, frame, title=f"{found.folder.resolve().name}: DIT of the shots{when}"
+            place, frame, title=f"{recorded.folder.resolve().name}: acquired{when}"
         )
-        for place, when in _evaluated(found)
+        for place, when in _evaluated(recorded)
     )
 
 
-def _evaluated(found: Acquisition | Measured) -> Iterator[tuple[Path, str]]:
+def _evaluated(recorded: Acquisition | Measured) -> Iterator[tuple[Path, str]]:
     """Folders of maps, and ` at 0.95 ms` for each of several filters and delays."""
-    if not isinstance(found, Acquisition) or len(found.plan.groups) < 2:
-        yield found.folder / "maps", ""
+    if not isinstance(recorded, Acquisition) or len(recorded.plan.groups) < 2:
+        yield recorded.folder / "maps", ""
         return
-    for group in found.plan.groups:
-        place = maps_of_group(found.folder, found.plan, group)
+    for group in recorded.plan.groups:
+        place = maps_of_group(recorded.folder, recorded.plan, group)
         if place.is_dir():
-            yield place, f" at {', '.join(found.plan.words(group))}"
+            yield place, f" at {', '.join(recorded.plan.words(group))}"
 
 
 def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
@@ -62,16 +62,16 @@ def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
     if (place / "scene.yaml").is_file():
         write_figures(open_run(place), suffix=suffix)
         return place / "pictures" / f"maps{suffix}"
-    found = open_recorded(place)
-    if not (found.folder / "maps").is_dir():
+    recorded = open_recorded(place)
+    if not (recorded.folder / "maps").is_dir():
         raise RunFolderError(
-            f"{found.folder}: is not evaluated yet; run `cldit evaluate {found.folder}` first"
+            f"{recorded.folder}: is not evaluated yet; run `cldit evaluate {recorded.folder}` first"
         )
-    frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
+    frame = Frame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
     drawn: list[Path] = []
-    for maps, when in _evaluated(found):
-        title = f"{found.folder.resolve().name}: DIT of the acquired shots{when}"
+    for maps, when in _evaluated(recorded):
+        title = f"{recorded.folder.resolve().name}: acquired{when}"
         # one delay: beside the folder of its maps, as before there were several
-        path = (maps if when else found.folder) / f"maps{suffix}"
+        path = (maps if when else recorded.folder) / f"maps{suffix}"
         drawn.append(write_figure(map_figure(Maps.load(maps), frame, title=title), path))
     return drawn[0]

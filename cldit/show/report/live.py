@@ -99,8 +99,8 @@ def live_page(
     return Page(title, content, heading=seen.state, head=refresh + _STYLE).html()
 
 
-def _marked(name: str, text: str) -> Html:
-    return Html(f'<p class="{name}">{escape(text)}</p>')
+def _marked(name: str, message: str) -> Html:
+    return Html(f'<p class="{name}">{escape(message)}</p>')
 
 
 def _left(seen: Seen) -> str:
@@ -125,13 +125,13 @@ def _bar(seen: Seen) -> Html:
 def _shot_lines(shot: LastShot) -> list[str]:
     """Sentences on the last shot and its exposure."""
     count, rows, columns = shot.frames.shape
-    many = f", the first of {count} images" if count > 1 else ""
-    found = _exposure(shot)
+    images_note = f", the first of {count} images" if count > 1 else ""
+    levels = _exposure(shot)
     return [
         f"{shot.meta['shot']}: {shot.meta['background_setpoint_K']:g} K, {shot.meta['kind']}, "
-        f"{columns} x {rows} pixels{many}, {shot.meta['time'][:19].replace('T', ' ')} UTC.",
-        f"{found.saturated_percent:.2g} % of the pixels are saturated; lowest {found.lowest}, "
-        f"median {found.median:.0f}, highest {found.highest} counts.",
+        f"{columns} x {rows} pixels{images_note}, {shot.meta['time'][:19].replace('T', ' ')} UTC.",
+        f"{levels.saturated_percent:.2g} % of the pixels are saturated; lowest {levels.lowest}, "
+        f"median {levels.median:.0f}, highest {levels.highest} counts.",
     ]
 
 
@@ -142,24 +142,23 @@ def _exposure(shot: LastShot) -> Exposure:
 def _black_body_lines(seen: Seen) -> list[str]:
     if seen.plan is None or not seen.readings:
         return []
-    last = seen.readings[-1]
+    latest = seen.readings[-1]
     tolerance_K = seen.plan.stability.tolerance_K
-    return [
-        str(Approach(reading_K=last.reading_K, setpoint_K=last.setpoint_K, tolerance_K=tolerance_K))
-    ]
+    kelvin = {"reading_K": latest.reading_K, "setpoint_K": latest.setpoint_K}
+    return [str(Approach(**kelvin, tolerance_K=tolerance_K))]
 
 
 @styled
 def live_figure(seen: Seen, shot: LastShot | None) -> Drawn:
     """Figure of the last shot, its histogram, and the black body; axes without data are empty."""
     figure = figure_of(WIDTH_IN, 5.2)
-    (image, counts), (whole, close) = figure.subplots(2, 2)
+    (image, counts), (trend, close) = figure.subplots(2, 2)
     if shot is not None:
         _draw_shot(image, shot)
         _draw_histogram(counts, shot)
     if seen.plan is not None and seen.readings:
-        _draw_readings(whole, close, seen.readings, seen.plan.stability.tolerance_K)
-    for axes in (image, counts, whole, close):
+        _draw_readings(trend, close, seen.readings, seen.plan.stability.tolerance_K)
+    for axes in (image, counts, trend, close):
         if not axes.has_data():
             axes.set_axis_off()
     return figure
@@ -181,30 +180,31 @@ def _draw_shot(axes: Axes, shot: LastShot) -> None:
 
 
 def _draw_histogram(axes: Axes, shot: LastShot) -> None:
-    found = _exposure(shot)
-    edges = np.linspace(0.0, found.saturation_counts, _BINS + 1)
-    axes.stairs(found.pixels, edges, fill=True, color="C0")
-    axes.stairs(found.pixels[-1:], edges[-2:], fill=True, color="#b00020")
+    levels = _exposure(shot)
+    edges = np.linspace(0.0, levels.saturation_counts, _BINS + 1)
+    axes.stairs(levels.pixels, edges, fill=True, color="C0")
+    axes.stairs(levels.pixels[-1:], edges[-2:], fill=True, color="#b00020")
     axes.set(title="histogram; saturated: red", xlabel="counts", ylabel="pixels")
-    axes.set(yscale="symlog", xlim=(0.0, found.saturation_counts))
+    axes.set(yscale="symlog", xlim=(0.0, levels.saturation_counts))
 
 
 def _draw_readings(
-    whole: Axes, close: Axes, readings: Sequence[Reading], tolerance_K: float
+    trend: Axes, close: Axes, readings: Sequence[Reading], tolerance_K: float
 ) -> None:
     """Temperature over the session, and the distance from the present set point."""
-    last = readings[-1]
-    here = _thinned([each for each in readings if each.setpoint_K == last.setpoint_K])
-    every = _thinned(readings)
-    minutes = [each.time_s / 60.0 for each in every]
-    whole.plot(minutes, [each.reading_K for each in every], color="C0", label="black body")
-    setpoints = [each.setpoint_K for each in every]
-    whole.step(minutes, setpoints, where="post", color="C1", ls="--", label="set point")
-    away_K = np.array([each.reading_K - each.setpoint_K for each in here])
+    latest = readings[-1]
+    present = _thinned([reading for reading in readings if reading.setpoint_K == latest.setpoint_K])
+    session = _thinned(readings)
+    minutes = [reading.time_s / 60.0 for reading in session]
+    trend.plot(minutes, [reading.reading_K for reading in session], color="C0", label="black body")
+    setpoints = [reading.setpoint_K for reading in session]
+    trend.step(minutes, setpoints, where="post", color="C1", ls="--", label="set point")
+    away_K = np.array([reading.reading_K - reading.setpoint_K for reading in present])
     most_K = _CUT * tolerance_K
     close.axhspan(-tolerance_K, tolerance_K, color="#cfe8cf", lw=0, label="tolerance")
-    close.plot([each.time_s / 60.0 for each in here], np.clip(away_K, -most_K, most_K), color="C0")
-    for axes, label in ((whole, "temperature / K"), (close, "distance from the set point / K")):
+    times_min = [reading.time_s / 60.0 for reading in present]
+    close.plot(times_min, np.clip(away_K, -most_K, most_K), color="C0")
+    for axes, label in ((trend, "temperature / K"), (close, "distance from the set point / K")):
         axes.set(xlabel="minutes since this session began", ylabel=label)
         axes.grid()
         axes.legend()

@@ -112,18 +112,18 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
     rows = [Row("filter", f"{low:g} to {high:g} µm", "", "around 3.4 µm")]
     sources: list[str] = []
 
-    known = _liquid(optics.liquid or fuel) if sizes is not None else None
-    if known is not None and not (known.wavelength_um[0] <= low and high <= known.wavelength_um[1]):
-        known = None
+    fluid = _liquid(optics.liquid or fuel) if sizes is not None else None
+    if fluid is not None and not (fluid.wavelength_um[0] <= low and high <= fluid.wavelength_um[1]):
+        fluid = None
     index: tuple[float, float] | None = None
-    if known is not None:
-        n, k = known.index(wavelength, fuel_K)
+    if fluid is not None:
+        n, k = fluid.index(wavelength, fuel_K)
         index = float(np.mean(n)), float(np.mean(k))
-        note = f"{known.status}, mean over the filter at {fuel_K:.0f} K"
+        note = f"{fluid.status}, mean over the filter at {fuel_K:.0f} K"
         rows.append(Row("n of the liquid", f"{optics.n:g}", f"{index[0]:.4f}", "1.338", note))
         rows.append(Row("k of the liquid", f"{optics.k:g}", f"{index[1]:.4f}", "0.0341", note))
-        fit = f"; fit {known.fit}" if known.fit else ""
-        sources.append(f"{known.name} ({known.status}): {known.source}{fit}")
+        fit = f"; fit {fluid.fit}" if fluid.fit else ""
+        sources.append(f"{fluid.name} ({fluid.status}): {fluid.source}{fit}")
 
     area = optics.vapour_area_km_mol
     named = _vapours(optics.vapour or fuel, area)
@@ -161,7 +161,7 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         filter_um=(low, high),
         fuel_K=fuel_K,
         gas_K=gas_K,
-        liquid=known,
+        liquid=fluid,
         vapours=bands,
         growth=growth,
         sizes=sizes,
@@ -221,10 +221,10 @@ def _size_rows(sizes: Sizes) -> list[Row]:
     rows = []
     for name, orders, paper in (("D32", (3, 2), "9.00"), ("D10", (1, 0), "4.11 to 9.00")):
         try:
-            text = f"{mean_diameter_m(sizes, *orders) * 1e6:.2f}"
+            diameter = f"{mean_diameter_m(sizes, *orders) * 1e6:.2f}"
         except SprayError:
-            text = "does not exist"
-        rows.append(Row(f"{name} at the nozzle, µm", text, "", paper))
+            diameter = "does not exist"
+        rows.append(Row(f"{name} at the nozzle, µm", diameter, "", paper))
     return rows
 
 
@@ -243,10 +243,10 @@ def _droplet_rows(used: Droplets, measured: Droplets | None, strata: Floats) -> 
         "droplets: g",
         "droplets: extinction, m²/cm³ of liquid",
     )
-    mine = _values(used, strata)
+    scene_values = _values(used, strata)
     theirs = _values(measured, strata) if measured is not None else ["", "", ""]
     paper = ("", "0 (isotropic)", "")
-    rows = [Row(*row) for row in zip(names, mine, theirs, paper, strict=True)]
+    rows = [Row(*row) for row in zip(names, scene_values, theirs, paper, strict=True)]
     error = table_error(used.table)
     note = f"Q_sca {error.scattering:.1g}, Q_abs {error.absorption:.1g}, g {error.asymmetry:.1g}"
     rows.append(Row("largest error of the table", f"{100 * error.largest:.2g} %", note=note))

@@ -1,6 +1,6 @@
 """Figures and report of a run folder."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ from cldit.errors import RunFolderError
 from cldit.io.files import make_folder, write_bytes
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.run import Run
-from cldit.scene import dump_scene
 from cldit.scene.delays import delay_text, spray_time_s
 from cldit.show.figures.curves import nodes_figure
 from cldit.show.figures.maps import (
@@ -38,7 +37,6 @@ from cldit.show.page import (
     Block,
     Cell,
     Code,
-    Details,
     Figure,
     Page,
     Section,
@@ -48,11 +46,27 @@ from cldit.show.page import (
 )
 from cldit.show.report.evaluation import evaluation_sections, pixels_section
 
+_ERRORS = ("injections", "simulation_errors", "emissivity_errors", "errors")
+_FURTHER = ("maps_noise_free", "weights", "wavelengths")
+
 
 def _folder(run: Run) -> Path:
     if run.folder is None:
         raise RunFolderError("the run is not stored; give `out` to simulate")
     return run.folder
+
+
+def _verdict(maps: Maps, run: Run) -> str:
+    """Range of T_app, and the error of the simulation if it is known."""
+    visible = maps.has_temperature
+    if not visible.any():
+        return "No pixel has an apparent temperature and an emissivity above 0.05."
+    low, high = np.percentile(maps.apparent_temperature_K[visible], (1, 99))
+    error = "" if run.errors is None else f" Error of the simulated T_app: {run.errors.text}."
+    return (
+        f"{low:.0f} to {high:.0f} K in {np.count_nonzero(visible)} of {maps.reason.size} pixels, "
+        f"those with an emissivity above 0.05.{error}"
+    )
 
 
 def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
@@ -68,30 +82,30 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
         return panels_figure(panels, frame, title=f"{name}: {title}", window=window, legend=legend)
 
     if run.measured is not None:
-        figure = map_figure(run.measured, sensor, title=f"{name}: DIT of the acquired shots")
-        yield "maps", figure, "Acquired by the rig: apparent temperature and emissivity."
+        figure = map_figure(run.measured, sensor, title=f"{name}: acquired")
+        yield "maps", figure, f"Acquired by the rig. {_verdict(run.measured, run)}"
         caption = "Standard errors of the acquired maps, scatter from shot to shot included."
         yield "errors", drawn(errors_panels(run.measured), "standard errors", sensor), caption
     for number, delay_s in enumerate(delays if len(delays) > 1 else ()):
         place = maps_folder(_folder(run) / "acquisition", delays, number)
         if place.is_dir():
-            maps, title = Maps.load(place), f"{name}: DIT of the shots at {delay_text(delay_s)}"
+            maps, title = Maps.load(place), f"{name}: acquired at {delay_text(delay_s)}"
             caption = f"{DelayRow.of(delay_s, maps).text}."
             yield f"maps_{place.name}", map_figure(maps, sensor, title=title), caption
-    figure = map_figure(run.maps, traced, title=f"{name}: DIT of the trace, without noise")
+    figure = map_figure(run.maps, traced, title=f"{name}: traced, without noise")
     key = "maps" if run.measured is None else "maps_noise_free"
-    yield key, figure, "From the traced radiances, on the traced field."
+    yield key, figure, f"From the traced radiances. {_verdict(run.maps, run)}"
     caption = "Origin of the light of every pixel; one trace serves every background."
     yield "weights", drawn(weights_panels(run.weights), "weights of the trace"), caption
     caption = "Standard error of the simulation itself; {} has a map of every cause."
     if run.error_maps:
-        title, panels = "standard error of the simulated T_app", error_maps_panels(run.error_maps)
+        title, panels = "error of simulated T_app", error_maps_panels(run.error_maps)
         missing = "no apparent temperature, or emissivity below 0.05"
         shown = drawn(panels, title, missing=missing)
         yield "simulation_errors", shown, caption.format("errors/")
     if run.emissivity_error_maps:
         panels = error_maps_panels(run.emissivity_error_maps, unit="")
-        shown = drawn(panels, "standard error of the simulated emissivity")
+        shown = drawn(panels, "error of simulated emissivity")
         yield "emissivity_errors", shown, caption.format("errors/emissivity/")
     if run.ensemble is not None:
         panels, title = injections_panels(run.ensemble), f"{run.ensemble.members} injections"
@@ -138,8 +152,8 @@ def _camera(run: Run) -> Slider:
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
     figures = {
-        f"{at:g} K": Figure(png_of(one, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections.")
-        for at, one in camera_figures(means, frame, title=run.scene.name).items()
+        f"{at:g} K": Figure(png_of(drawn, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections.")
+        for at, drawn in camera_figures(means, frame, title=run.scene.name).items()
     }
     return Slider("Background", figures)
 
@@ -165,26 +179,31 @@ def _evaluation(run: Run) -> list[Section]:
 
 def _origin(run: Run) -> list[Block]:
     """Shares of the signal by origin, in front of the middle background."""
-    whole = Boundary.in_filter(
+    in_filter = Boundary.in_filter(
         Surroundings.from_scene(run.scene),
         run.quadrature.filter_um,
         reference_K=run.quadrature.reference_K,
     )
-    leaves = float(whole.leaving(run.quadrature.reference_K))
+    leaves = float(in_filter.leaving(run.quadrature.reference_K))
     shares = Shares.of(
-        run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
+        run.weights,
+        run.reference,
+        background=leaves,
+        wall=in_filter.wall,
+        patches=in_filter.patches,
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
     title, frame = f"{run.scene.name}: origin of the signal", frame_of(run.scene)
     window = spray_window(run.maps, frame)
-    figure = panels_figure(shares.panels(), frame, title=title, window=window)
+    panels = shares.panels()
+    figure = panels_figure(panels, frame, title=title, window=window) if panels else None
     caption = f"Shares of the radiance in front of a background of {middle_K:g} K."
     means = shares.means()
     rows: list[list[Cell]] = [
         [name, f"{100 * share:.1f} %", Bar(share)] for name, share in means.items()
     ]
     return [
-        Figure(png_of(figure), caption),
+        "" if figure is None else Figure(png_of(figure), caption),
         "Mean over the pixels where the spray is:" if means else "",
         Table((), rows, numbers=(1,)),
     ]
@@ -212,7 +231,7 @@ def _spectral(run: Run) -> dict[str, str]:
 
 
 def _spray(run: Run) -> dict[str, str]:
-    remarks = {f"remark {n}": text for n, text in enumerate(run.info.remarks, start=1)}
+    remarks = {f"remark {n}": remark for n, remark in enumerate(run.info.remarks, start=1)}
     return human_figures(run.info.spray) | remarks
 
 
@@ -256,8 +275,8 @@ def _cause(cause: Cause) -> str:
 def _stages(run: Run) -> Table:
     total = sum(stage.seconds for stage in run.info.stages)
     rows: list[list[Cell]] = [
-        [one.name, f"{one.seconds:.2f} s", Bar(one.seconds / (total or 1.0)), one.note]
-        for one in run.info.stages
+        [stage.name, f"{stage.seconds:.2f} s", Bar(stage.seconds / (total or 1.0)), stage.note]
+        for stage in run.info.stages
     ]
     return Table((), [*rows, ["all", f"{total:.2f} s", "", ""]] if rows else [], numbers=(1,))
 
@@ -281,38 +300,31 @@ def write_run_report(run: Run) -> Path:
     """Writes figures and report.html of a stored run; returns the report's path."""
     folder = _folder(run)
     figures = write_figures(run)
-    shown = [figures["maps"]]
-    if run.measured is not None:
-        shown.append(figures["maps_noise_free"])
-    shown += [figure for name, figure in figures.items() if name.startswith("maps_delay_")]
-    more = (
-        "injections",
-        "simulation_errors",
-        "emissivity_errors",
-        "errors",
-        "weights",
-        "wavelengths",
-    )
+    delays = [figure for name, figure in figures.items() if name.startswith("maps_delay_")]
+    errors = [figures[name] for name in _ERRORS if name in figures]
     origin = {} if run.info.origin is None else run.info.origin.text
     computed = {"device": f"{run.info.device}: {run.info.device_reason}"}
     content: list[Block] = [
         run.scene.description,
-        Section("Emissivity and apparent temperature", shown),
+        Section("Apparent temperature and emissivity", [figures["maps"], *delays]),
         Section("Camera images", [_camera(run)]),
         Section("Origin of the signal", _origin(run)),
-        Section("Errors and weights", [figures[name] for name in more if name in figures]),
+        Section("Errors", errors),
+        Section(
+            "Further figures",
+            [figures[name] for name in _FURTHER if name in figures],
+            folded=True,
+        ),
         *_evaluation(run),
         pixels_section(run.maps if run.measured is None else run.measured),
-        Section("Spray", [Table.pairs(_spray(run))]),
-        Section("Trace", [Table.pairs(_trace(run))]),
-        Section("Run times", [_stages(run)]),
-        Section("Computed with", [Table.pairs(computed | run.info.versions | origin)]),
-        Section(
-            "How to repeat it",
-            [
-                Code(_commands(run)),
-                Details("scene.yaml, with every default", dump_scene(run.scene), open=True),
-            ],
-        ),
+        _folded("Spray", _spray(run)),
+        _folded("Trace", _trace(run)),
+        Section("Run times", [_stages(run)], folded=True),
+        _folded("Computed with", computed | run.info.versions | origin),
+        Section("How to repeat it", ["`scene.yaml` has every key.", Code(_commands(run))]),
     ]
     return write_page(Page(run.scene.name, content), folder / "report.html")
+
+
+def _folded(title: str, values: Mapping[str, str]) -> Section:
+    return Section(title, [Table.pairs(values)], folded=True)

@@ -52,19 +52,19 @@ def maps_of(time: SeriesTime) -> Path:
 
 def table_csv(plan: SeriesPlan, times: Sequence[SeriesTime]) -> str:
     """CSV with a line for each time; unknown figures are empty."""
-    first = "time_s" if plan.in_seconds else "time"
-    names = [first, "state", *FIGURES, *_OF_MAPS, "folder", "problem"]
+    time_name = "time_s" if plan.in_seconds else "time"
+    names = [time_name, "state", *FIGURES, *_OF_MAPS, "folder", "problem"]
     rows = []
-    for each in times:
-        figures = {name: f"{each.spray[name]:.9g}" for name in FIGURES if name in each.spray}
-        if each.state == "no spray":
+    for time in times:
+        figures = {name: f"{time.spray[name]:.9g}" for name in FIGURES if name in time.spray}
+        if time.state == "no spray":
             figures |= {"liquid_mass_kg": "0", "vapour_mass_kg": "0"}
-        if each.dit is not None:
-            seen = {name: getattr(each.dit, name) for name in _OF_MAPS}
+        if time.dit is not None:
+            seen = {name: getattr(time.dit, name) for name in _OF_MAPS}
             figures |= {name: f"{value:.9g}" for name, value in seen.items() if value == value}
-        folder = "" if each.folder is None else each.folder.name
-        figures |= {first: f"{each.time:.9g}", "state": each.state}
-        figures |= {"folder": folder, "problem": each.problem}
+        folder = "" if time.folder is None else time.folder.name
+        figures |= {time_name: f"{time.time:.9g}", "state": time.state}
+        figures |= {"folder": folder, "problem": time.problem}
         rows.append([figures.get(name, "") for name in names])
     return csv_text(names, rows)
 
@@ -81,19 +81,19 @@ def write_series(
 
     suffix: of the figures: .png, .pdf or .svg. Returns the files, `series.csv` first.
     """
-    made = [out / "series.csv", out / f"series{suffix}"]
-    write_text(made[0], table_csv(plan, times))
-    write_figure(curves(plan, times, title=scene.name), made[1])
-    done = [each for each in times if each.state == "done"]
+    files = [out / "series.csv", out / f"series{suffix}"]
+    write_text(files[0], table_csv(plan, times))
+    write_figure(curves(plan, times, title=scene.name), files[1])
+    done = [time for time in times if time.state == "done"]
     if not done:
-        return made
+        return files
     windows: list[Window] = []
     reasons: set[int] = set()
 
     def loaded() -> Iterator[Maps]:  # one after the other: a long series exceeds the memory
-        for each in done:
-            maps = Maps.load(maps_of(each))
-            windows.append(spray_window(maps, _frame(scene, each)))
+        for time in done:
+            maps = Maps.load(maps_of(time))
+            windows.append(spray_window(maps, _frame(scene, time)))
             reasons.update(maps.count())
             yield maps
 
@@ -102,22 +102,22 @@ def write_series(
     make_folder(out / "pictures")
     write_text(out / "pictures" / "scale.yaml", dump_yaml(shared))
     shown: list[bytes] = []
-    for each in done:
-        what = "acquired shots" if _acquired(each) else "traces, without noise"
+    for time in done:
+        source = "acquired" if _acquired(time) else "traced, without noise"
         figure = map_figure(
-            Maps.load(maps_of(each)),
-            _frame(scene, each),
-            title=f"{scene.name}: DIT of {what}",
+            Maps.load(maps_of(time)),
+            _frame(scene, time),
+            title=f"{scene.name}: {source}",
             vmin=scale.range_K[0],
             vmax=scale.range_K[1],
             scale=scale.emissivity,
             window=joined(windows),
             reasons=reasons,
-            stamp=plan.stamp(each.time),
+            stamp=plan.stamp(time.time),
         )
-        write_figure(figure, out / "pictures" / f"{plan.folder(each.time)}{suffix}")
+        write_figure(figure, out / "pictures" / f"{plan.folder(time.time)}{suffix}")
         shown.append(png_of(figure, dpi=SCREEN_DPI))
-    return [*made, out / "pictures", *write_film(out / FILM_FILE, shown, [t.time for t in done])]
+    return [*files, out / "pictures", *write_film(out / FILM_FILE, shown, [t.time for t in done])]
 
 
 def _acquired(time: SeriesTime) -> bool:
@@ -134,15 +134,18 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figu
 
     Times that failed are gaps.
     """
-    known = [each for each in times if each.state != "failed"]
-    at = np.array([each.time for each in known]) * (1e3 if plan.in_seconds else 1.0)
+    evaluated = [time for time in times if time.state != "failed"]
+    at = np.array([time.time for time in evaluated]) * (1e3 if plan.in_seconds else 1.0)
     figure = figure_of(WIDTH_IN, 7.5)
     reach, mass, size, warm = figure.subplots(4, 1, sharex=True)
 
     def values(name: str, factor: float) -> Floats:
         none = 0.0 if name.endswith("mass_kg") else np.nan
         return factor * np.array(
-            [each.spray.get(name, none if each.state == "no spray" else np.nan) for each in known]
+            [
+                time.spray.get(name, none if time.state == "no spray" else np.nan)
+                for time in evaluated
+            ]
         )
 
     for percent, style in ((90, ":"), (95, "-"), (99, "--")):
@@ -152,7 +155,7 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figu
     mass.plot(at, values("liquid_mass_kg", 1e6), "C0-o", label="liquid")
     mass.plot(at, values("vapour_mass_kg", 1e6), "C1-s", label="vapour")
     size.plot(at, values("sauter_mean_diameter_m", 1e6), "C0-o")
-    median = [np.nan if each.dit is None else each.dit.apparent_temperature_K for each in known]
+    median = [np.nan if time.dit is None else time.dit.apparent_temperature_K for time in evaluated]
     warm.plot(at, median, "C3-o")
     for axes, label in (
         (reach, "penetration / mm"),

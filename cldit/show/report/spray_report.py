@@ -49,8 +49,8 @@ def extent(spray: Spray) -> tuple[Floats, Floats]:
     if spray.vapour is not None and np.any(spray.vapour.number_density_m3 > 0):
         dense = spray.vapour.number_density_m3 > 1e-3 * spray.vapour.number_density_m3.max()
         points += [spray.vapour.cells.lower_m[dense], spray.vapour.cells.upper_m[dense]]
-    every = np.concatenate(points)
-    return every.min(axis=0) - 2e-3, every.max(axis=0) + 2e-3
+    corners_m = np.concatenate(points)
+    return corners_m.min(axis=0) - 2e-3, corners_m.max(axis=0) + 2e-3
 
 
 def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
@@ -84,13 +84,13 @@ def _filled(
     """Points (N, 3) in place of boxes, so close that no pixel is missed, and their masses (N,)."""
     edge = upper_m - lower_m
     parts = int(np.clip(np.ceil(2 * edge.max(initial=0.0) / pixel_m - 1e-6), 1, 6))
-    first, second = _AXES[view]
+    right_axis, up_axis = _AXES[view]
     places, masses = [], []
     for i in range(parts):
         for j in range(parts):
             at = lower_m + 0.5 * edge
-            at[:, first] += ((i + 0.5) / parts - 0.5) * edge[:, first]
-            at[:, second] += ((j + 0.5) / parts - 0.5) * edge[:, second]
+            at[:, right_axis] += ((i + 0.5) / parts - 0.5) * edge[:, right_axis]
+            at[:, up_axis] += ((j + 0.5) / parts - 0.5) * edge[:, up_axis]
             places.append(at)
             masses.append(mass / parts**2)
     return np.concatenate(places), np.concatenate(masses)
@@ -104,12 +104,12 @@ def _project(
     pixel_m: float,
     smoothing: float,
 ) -> Projection:
-    first, second = _AXES[view]
+    right_axis, up_axis = _AXES[view]
     edges = [
         np.arange(np.floor(bounds[0][a] / pixel_m), np.ceil(bounds[1][a] / pixel_m) + 1) * pixel_m
-        for a in (first, second)
+        for a in (right_axis, up_axis)
     ]
-    image = np.histogram2d(place[:, first], place[:, second], bins=edges, weights=mass)[0].T
+    image = np.histogram2d(place[:, right_axis], place[:, up_axis], bins=edges, weights=mass)[0].T
     if smoothing:
         image = gaussian_filter(image, smoothing, mode="constant")
     corners = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
@@ -201,7 +201,7 @@ def write_spray(
     if history is not None:
         written += [folder / f"history{suffix}", folder / "history.csv"]
         write_figure(history_figure(history, title=title), written[1])
-        names = [each.name for each in fields(history)]
+        names = [column.name for column in fields(history)]
         rows = np.stack([getattr(history, name) for name in names], axis=1)
         table = csv_text(names, ([f"{value:.6g}" for value in row] for row in rows))
         write_text(written[2], table)

@@ -66,7 +66,7 @@ def is_run(folder: Path) -> bool:
 
 def series(folder: Path) -> tuple[Path, ...]:
     """Finished runs in a folder, by the time of their sprays; those without a time by name."""
-    runs = [each for each in _runs_in(folder) if (each / "run.json").is_file()]
+    runs = [run for run in _runs_in(folder) if (run / "run.json").is_file()]
     return tuple(sorted(runs, key=_time_s))
 
 
@@ -74,13 +74,13 @@ def unfinished(folder: Path) -> tuple[Path, ...]:
     """Runs of a series that are omitted, since they were not finished."""
     if is_run(folder):
         return ()
-    return tuple(each for each in _runs_in(folder) if not (each / "run.json").is_file())
+    return tuple(run for run in _runs_in(folder) if not (run / "run.json").is_file())
 
 
 def _runs_in(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
-    return [each for each in sorted(folder.iterdir()) if is_run(each)]
+    return [path for path in sorted(folder.iterdir()) if is_run(path)]
 
 
 def _time_s(run: Path) -> float:
@@ -98,21 +98,21 @@ def _measured_items(folder: Path) -> Iterator[Item]:
     if isinstance(opened, Measured):
         name = opened.name
     head: dict[str, Any] = {"kind": "measurement", "source": str(folder), "about": ""}
-    found = 0
+    count = 0
     for maps, time_s, words, calibration in _evaluated(opened):
         if not maps.is_dir():
             continue
-        found += 1
+        count += 1
         arrays, filter_um = _arrays(maps), from_plain(calibration["filter_um"])
-        one = {
+        item_head = {
             **head,
             "ends": planck_ends(filter_um),
             "name": ", ".join((name, *words)),
             "time_s": time_s,
             **place_of(arrays["reason"].shape, opened.pixel_m, opened.centre_m),
         }
-        yield Item(one, {**planck_tables(filter_um), **arrays})
-    if not found:
+        yield Item(item_head, {**planck_tables(filter_um), **arrays})
+    if not count:
         raise RunFolderError(f"{folder}: is not evaluated yet; run `cldit evaluate {folder}` first")
 
 

@@ -39,8 +39,8 @@ def place_of(
     return {
         "rows": int(shape[0]),
         "columns": int(shape[1]),
-        "pixel_mm": [1e3 * one for one in pixel_m],
-        "centre_mm": [1e3 * one for one in centre_m],
+        "pixel_mm": [1e3 * edge for edge in pixel_m],
+        "centre_mm": [1e3 * coordinate for coordinate in centre_m],
     }
 
 

@@ -66,5 +66,5 @@ def packed(values: NDArray[Any]) -> Packed:
         step = np.diff(word, prepend=np.int32(0)).astype(np.int32)  # wraps, as the page's sum does
         folded = (step << 1) ^ (step >> 31)  # small for either sign
         data = np.ascontiguousarray(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T).tobytes()
-    text = b64encode(zlib.compress(data, 6)).decode("ascii")
-    return Packed(values.dtype.name, flat.size, text)
+    encoded = b64encode(zlib.compress(data, 6)).decode("ascii")
+    return Packed(values.dtype.name, flat.size, encoded)

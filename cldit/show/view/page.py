@@ -63,12 +63,12 @@ def page_html(items: Sequence[Item]) -> str:
     heads: list[dict[str, Any]] = []
     arrays: list[str] = []
     for number, item in enumerate(items):
-        each = {name: packed(array) for name, array in item.arrays.items()}
-        heads.append({**item.head, "arrays": {name: one.head for name, one in each.items()}})
+        texts = {name: packed(array) for name, array in item.arrays.items()}
+        heads.append({**item.head, "arrays": {name: array.head for name, array in texts.items()}})
         arrays += [
             f'<script type="text/plain" data-item="{number}" data-name="{escape(name)}">'
-            f"{one.text}</script>"
-            for name, one in each.items()
+            f"{array.text}</script>"
+            for name, array in texts.items()
         ]
     for head, name in zip(heads, _apart(heads), strict=True):
         head["name"] = name
@@ -116,13 +116,13 @@ def _apart(heads: Sequence[Mapping[str, Any]]) -> list[str]:
         alike = [at for at, head in enumerate(heads) if head["name"] == name]
         if len(alike) == 1:
             continue
-        alone = time_s is not None and [times[at] for at in alike].count(time_s) == 1
+        has_own_time = time_s is not None and [times[at] for at in alike].count(time_s) == 1
         folders = [_folder(heads[at]) for at in alike]
-        more = folders[alike.index(number)]
-        if len(set(folders)) < len(folders) or not more:
-            more = f"{alike.index(number) + 1} of {len(alike)}"
-        more = delay_text(time_s) if alone else more
-        names[number] = f"{name}, {more}"
+        suffix = folders[alike.index(number)]
+        if len(set(folders)) < len(folders) or not suffix:
+            suffix = f"{alike.index(number) + 1} of {len(alike)}"
+        suffix = delay_text(time_s) if has_own_time else suffix
+        names[number] = f"{name}, {suffix}"
     return names
 
 
@@ -141,4 +141,4 @@ def _source(name: str) -> str:
 def _colours(name: str) -> list[int]:
     """256 RGB triples in one list."""
     table = HUE if name == HUE.name else colormaps[name]
-    return [int(one) for one in table(np.arange(256), bytes=True)[:, :3].reshape(-1)]
+    return [int(channel) for channel in table(np.arange(256), bytes=True)[:, :3].reshape(-1)]

@@ -66,10 +66,10 @@ def traced_item(run: Run, *, source: str) -> Item:
             "wall_K": scene.walls.temperature_K,
             "camera_K": scene.camera.surroundings_K,
             "patches": [
-                {"name": one.name, "K": one.temperature_K, "emissivity": one.emissivity}
-                for one in scene.patches
+                {"name": patch.name, "K": patch.temperature_K, "emissivity": patch.emissivity}
+                for patch in scene.patches
             ],
-            "windows_K": {one.side: one.temperature_K for one in scene.windows},
+            "windows_K": {window.side: window.temperature_K for window in scene.windows},
             "shots": scene.plan.shots,
             "references": scene.plan.references,
             "read_noise_electrons": scene.camera.sensor.read_noise_electrons,
@@ -84,7 +84,8 @@ def traced_item(run: Run, *, source: str) -> Item:
         },
         "panes": {
             "nodes": [
-                {one.side: _plain(node.pane(one)) for one in scene.windows} for node in nodes
+                {window.side: _plain(node.pane(window)) for window in scene.windows}
+                for node in nodes
             ],
             "reference_K": run.quadrature.reference_K,
             "ends": [float(np.log(_PANES_K[0])), float(np.log(_PANES_K[-1]))],
@@ -104,7 +105,7 @@ def traced_item(run: Run, *, source: str) -> Item:
         arrays["shares"] = np.stack([spline(at).T, spline(at, 1).T])  # (2, nodes, knots)
     for window in scene.windows:
         means = band_panes(window, run.quadrature.filter_um, reference_K=_PANES_K)
-        arrays[f"pane_{window.side}"] = np.array([_plain(one) for one in means]).T
+        arrays[f"pane_{window.side}"] = np.array([_plain(pane) for pane in means]).T
     for prefix, maps in (("", run.error_maps), ("emissivity_", run.emissivity_error_maps)):
         if TOTAL in maps:
             total = rounded(maps[TOTAL][stack.covered], ERROR_BITS)
@@ -120,9 +121,9 @@ def _locked(scene: Scene, nodes: int) -> dict[str, str]:
     """Reasons why temperatures of this run cannot be changed, by their source."""
     if nodes == 1 and _served(scene):
         return {}
-    what = "wavelengths were chosen" if scene.optics.preset == "spectral" else "rays were spent"
-    why = f"{what} for this run's temperatures; trace it again with others"
-    return {"background": why, "wall": why}
+    cause = "wavelengths were chosen" if scene.optics.preset == "spectral" else "rays were spent"
+    explanation = f"{cause} for this run's temperatures; trace it again with others"
+    return {"background": explanation, "wall": explanation}
 
 
 def _served(scene: Scene) -> bool:
@@ -141,30 +142,30 @@ class _Stack:
 
     def __init__(self, run: Run) -> None:
         scene, nodes = run.scene, run.quadrature.nodes
-        around = Surroundings.from_scene(scene)
-        whole = Boundary.in_filter(
-            around, run.quadrature.filter_um, reference_K=run.quadrature.reference_K
+        surroundings = Surroundings.from_scene(scene)
+        in_filter = Boundary.in_filter(
+            surroundings, run.quadrature.filter_um, reference_K=run.quadrature.reference_K
         )
-        bands = [Boundary.of(around, node.radiance, node.pane) for node in nodes]
+        bands = [Boundary.of(surroundings, node.radiance, node.pane) for node in nodes]
         # Transmission of the front window in each node, over the filter's mean; a single node
         # represents the filter, whatever its own pane.
         passes = [1.0] if len(nodes) == 1 else [
-            one.front.transmission / whole.front.transmission for one in bands
+            band.front.transmission / in_filter.front.transmission for band in bands
         ]  # fmt: skip
-        parts = [one.images for one in run.spectral]
+        parts = [weights.images for weights in run.spectral]
         bare = {name: image.astype(np.float64) for name, image in run.reference.images.items()}
         names = ["background", "wall", *(patch.name for patch in scene.patches)]
         emitted = sum(
-            f * (one["vapour"].astype(np.float64) + one["liquid"]) - f * (
+            f * (images["vapour"].astype(np.float64) + images["liquid"]) - f * (
                 bare["vapour"] + bare["liquid"]
             )
-            for f, one in zip(passes, parts, strict=True)
+            for f, images in zip(passes, parts, strict=True)
         )  # fmt: skip
-        least = float(min(whole.leaving(list(scene.background.temperatures_K))))
-        covered = np.abs(emitted) > _NOTHING * least
+        dimmest = float(min(in_filter.leaving(list(scene.background.temperatures_K))))
+        covered = np.abs(emitted) > _NOTHING * dimmest
         for name in names:
-            for one in parts:
-                covered = covered | (np.abs(one[name] - bare[name]) > _NOTHING)
+            for images in parts:
+                covered = covered | (np.abs(images[name] - bare[name]) > _NOTHING)
         self.covered = np.asarray(covered)
         self.components: list[dict[str, Any]] = []
         self.arrays: dict[str, NDArray[Any]] = {
@@ -174,7 +175,7 @@ class _Stack:
         self._palette(bare, names, float(sum(passes)))
         lights = _lights(scene, bands, passes)
         for name in names:
-            change = np.stack([one[name][covered] - bare[name][covered] for one in parts])
+            change = np.stack([images[name][covered] - bare[name][covered] for images in parts])
             directions, sizes = _directions(lights[name])
             for number, (mix, size) in enumerate(zip(directions.T, sizes, strict=True)):
                 spared = int(np.log2(sizes[0] / size))
@@ -191,10 +192,12 @@ class _Stack:
         for column in columns:
             values, index = np.unique(column, return_inverse=True)
             _, code = np.unique(code * len(values) + index.reshape(-1), return_inverse=True)
-        _, first = np.unique(code, return_index=True)
-        kind = np.uint8 if len(first) < 256 else np.uint16 if len(first) < 65536 else np.float32
+        _, places = np.unique(code, return_index=True)
+        kind = np.uint8 if len(places) < 256 else np.uint16 if len(places) < 65536 else np.float32
         self.arrays["palette_index"] = code.astype(kind)  # float32 counts exactly to 2^24
-        self.arrays["palette"] = np.stack([one.reshape(-1)[first] for one in columns], axis=1)
+        self.arrays["palette"] = np.stack(
+            [column.reshape(-1)[places] for column in columns], axis=1
+        )
 
 
 def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) -> dict[str, Floats]:
@@ -203,17 +206,17 @@ def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) ->
     Several nodes are valid for the run's own temperatures only (`_locked`), and any emissivity.
     """
     f = np.asarray(passes)
-    rear = np.array([one.rear.transmission for one in bands])
+    rear = np.array([band.rear.transmission for band in bands])
     at_K = np.array(scene.background.temperatures_K)
-    own = np.stack([one.radiance(at_K) for one in bands]) * (f * rear)[:, None]
-    around = f * rear * np.array([one.surroundings for one in bands])
-    added = f * np.array([one.rear_added for one in bands])
+    backgrounds = np.stack([band.radiance(at_K) for band in bands]) * (f * rear)[:, None]
+    surroundings = f * rear * np.array([band.surroundings for band in bands])
+    added = f * np.array([band.rear_added for band in bands])
     lights = {
-        "background": np.column_stack([own, around, added]),
-        "wall": (f * np.array([one.wall for one in bands]))[:, None],
+        "background": np.column_stack([backgrounds, surroundings, added]),
+        "wall": (f * np.array([band.wall for band in bands]))[:, None],
     }
     for patch in scene.patches:
-        lights[patch.name] = (f * np.array([one.patches[patch.name] for one in bands]))[:, None]
+        lights[patch.name] = (f * np.array([band.patches[patch.name] for band in bands]))[:, None]
     return lights
 
 
@@ -225,7 +228,7 @@ def _directions(light: Floats) -> tuple[Floats, Floats]:
     unit = light[:, norms > 0] / norms[norms > 0]
     u, sizes, _ = np.linalg.svd(unit, full_matrices=False)
     for r in range(1, len(sizes) + 1):
-        left = unit - u[:, :r] @ (u[:, :r].T @ unit)
-        if np.max(np.linalg.norm(left, axis=0)) < _LEFT:
+        residual = unit - u[:, :r] @ (u[:, :r].T @ unit)
+        if np.max(np.linalg.norm(residual, axis=0)) < _LEFT:
             break
     return u[:, :r], sizes[:r]

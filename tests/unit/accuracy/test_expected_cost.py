@@ -38,7 +38,8 @@ def remark(
     keys: Mapping[str, Any] | None = None,
     predicted_K: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
-    gdi: Scene = load_scene("gdi-cone").with_(**{"camera.pixels": [100, 100], **(keys or {})})
+    camera = {"camera.pixels": [100, 100], "camera.field_m": [0.16, 0.16], "camera.target_m": None}
+    gdi: Scene = load_scene("gdi-cone").with_(**{**camera, **(keys or {})})
     settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))

@@ -32,6 +32,8 @@ def test_a_run_ends_with_its_result(tmp_path: Path) -> None:
     low, high, median = map(float, re.findall(r"[\d.]+", found["T_app"]))
     assert (low, high) == pytest.approx(tuple(np.percentile(seen, (1, 99))), abs=0.06)
     assert median == pytest.approx(float(np.median(seen)), abs=0.06)
+    count = f"{int(run.maps.has_temperature.sum())} of 32 x 32 traced pixels"
+    assert f"  in {count} with an emissivity above 0.05" in lines
     assert run.errors is not None
     stated = [line for line in lines if line.startswith("error of ")]
     largest, most = run.errors.largest(), run.errors.largest(of_emissivity=True)

@@ -166,16 +166,18 @@ def test_tab_shows_keys_and_the_repr_is_short() -> None:
     assert {"walls", "camera", "with_", "target_m"} <= set(dir(scene))
     assert not [name for name in dir(scene) if name.startswith(("model_", "_"))]
     assert "json" not in dir(scene) and dir(scene.walls) == ["temperature_K"]
-    assert repr(scene.walls) == "Walls(temperature_K=450.0)" and repr(scene.camera) == "Camera()"
-    assert "'gdi-cone': spray cone, 1000 x 1000 pixels" in repr(scene) and len(str(scene)) < 150
+    assert repr(scene.walls) == "Walls(temperature_K=450.0)" and repr(scene.plan) == "PlanSize()"
+    assert "'gdi-cone': spray cone, 500 x 400 pixels" in repr(scene) and len(str(scene)) < 150
 
 
 def test_short_options_are_those_of_the_command_line() -> None:
     quick = chosen_scene("gdi-cone", quick=True, pixels=64)
-    assert quick.camera.pixels == (64, 64) and quick.transport.accuracy_K == 4.0
-    assert chosen_scene("gdi-cone", quick=True).camera.pixels == (128, 128)
-    wide = load_scene("gdi-cone").with_(**{"camera.pixels": [1000, 800]})
-    assert chosen_scene(wide, quick=True).camera.pixels == (128, 102)
+    assert quick.camera.pixels == (64, 51) and quick.transport.accuracy_K == 4.0
+    assert chosen_scene("gdi-cone", quick=True).camera.pixels == (128, 102)
+    square = load_scene("gdi-cone").with_(**{"camera.field_m": [0.1, 0.1]})
+    assert chosen_scene(square, quick=True).camera.pixels == (128, 128)
+    upright = load_scene("gdi-cone").with_(**{"camera.field_m": [0.001, 0.5]})
+    assert chosen_scene(upright, quick=True).camera.pixels == (1, 128)
     assert chosen_scene(quick, pixels=(30, 20)).camera.pixels == (30, 20)
     with pytest.raises(SceneError, match=r"camera\.pixels: 0 is outside"):
         chosen_scene("gdi-cone", pixels=0)

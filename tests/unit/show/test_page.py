@@ -17,13 +17,13 @@ from cldit.show.page import (
     Bullets,
     Cell,
     Code,
-    Details,
     Figure,
     Link,
     Page,
     Section,
     Slider,
     Table,
+    html_of,
     write_page,
 )
 
@@ -73,7 +73,8 @@ def _full(text: str) -> Page:
             Section("Origin", [Table((), shares, numbers=(1,))]),
             Section("Pairs", [Table.pairs({"name": "value", text: text}), Bullets([text, "one"])]),
             Section("Titles", [Table(["study", text], [[Link(text, "walls"), text]])]),
-            Section("How to repeat it", [Code(text), Details(text, text, open=True)]),
+            Section("How to repeat it", [Code(text)]),
+            Section(text, [text], folded=True),
         ],
     )
 
@@ -94,6 +95,11 @@ def test_contents() -> None:
     assert "400 K|440 K|480.5 K" in parser.text  # the values that the slider's label shows in turn
     names = {"viewport"} & {attrs.get("name") for tag, attrs in parser.tags if tag == "meta"}
     assert names == {"viewport"}
+
+
+def test_a_folded_section_shows_its_title() -> None:
+    html = html_of([Section("Spray", ["text"], folded=True), Section("none", [""], folded=True)])
+    assert html == "<details><summary><h2>Spray</h2>\n</summary>\n<p>text</p>\n</details>"
 
 
 def test_user_text_stays_text() -> None:
@@ -128,7 +134,7 @@ def test_markdown(tmp_path: Path) -> None:
     assert text.startswith("# a|b\n\na|b\n\n## Maps\n\n![a|b](figures/one.png)\n\n## a|b\n")
     assert "| vapour | 25.0 % | 25 % |\n" in text and "| study | a\\|b |\n| --- | --- |\n" in text
     assert "| [a|b](walls.md) | a\\|b |" in text and "- a|b\n- one" in text
-    assert text.endswith("## How to repeat it\n\n```sh\na|b\n```\n")
+    assert text.endswith("## How to repeat it\n\n```sh\na|b\n```\n\n## a|b\n\na|b\n")
     assert (tmp_path / "figures" / "one.png").read_bytes() == PNG
 
 

@@ -51,7 +51,7 @@ class Sliders {
       const [range, number] = row.querySelectorAll("input");
       number.setAttribute("aria-label", `${one.text}${unit}, as a number`);
       for (const input of [range, number]) input.setAttribute("aria-describedby", `why-all why-${name}`);
-      range.addEventListener("input", () => this.set(name, range.valueAsNumber));
+      range.addEventListener("input", () => this.set(name, this.snapped(name, range.valueAsNumber)));
       number.addEventListener("change", () => this.set(name, number.valueAsNumber));
       host.append(row);
       this.rows[name] = { row, range, number, why: row.querySelector(".why") };
@@ -70,6 +70,12 @@ class Sliders {
     this.asked[name] = held;
     this.show(this.heads);
     this.changed();
+  }
+
+  // The run's own value, for a slider within half a step of it: its steps may miss it.
+  snapped(name, value) {
+    const own = this.scene ? SLIDERS[name].own(this.scene) : value;
+    return Math.abs(value - own) <= SLIDERS[name].step / 2 ? own : value;
   }
 
   value(name) {
@@ -111,17 +117,22 @@ class Sliders {
       range.value = value;
       number.value = Number(value.toPrecision(7));
       range.setAttribute("aria-valuetext", `${number.value} ${one.unit}`);
-      row.classList.toggle("changed", name in this.asked && value !== own);
+      row.classList.toggle("changed", value !== own);
     }
+  }
+
+  // True if another value than the run's own is requested; not once it is put back.
+  differs(name, head) {
+    const own = SLIDERS[name].own(head.scene);
+    return (this.asked[name] ?? own) !== own && !(SLIDERS[name].needs in head.locked);
   }
 
   // What is changed in a run, as texts with the run's own values.
   changes(head) {
     if (head.kind !== "run") return [];
     return Object.entries(SLIDERS).flatMap(([name, one]) => {
-      const own = one.own(head.scene), value = this.asked[name];
-      if (value === undefined || value === own || one.needs in head.locked) return [];
-      const [now, before] = [value, own].map((number) => `${Number(number.toPrecision(6))}${one.unit && ` ${one.unit}`}`);
+      if (!this.differs(name, head)) return [];
+      const [now, before] = [this.asked[name], one.own(head.scene)].map((number) => `${Number(number.toPrecision(6))}${one.unit && ` ${one.unit}`}`);
       return [`${one.text.toLowerCase()} ${now} (run: ${before})`];
     });
   }
@@ -136,12 +147,12 @@ class Sliders {
       shots: ["plan.shots", () => scene.shots],
     };
     const parts = [];
-    if (("lowest_K" in this.asked || "highest_K" in this.asked) && !("background" in head.locked)) {
+    if (this.differs("lowest_K", head) || this.differs("highest_K", head)) {
       const rounded = scene.backgrounds_K.map((one) => Number(one.toPrecision(7)));
       parts.push(`background.temperatures_K=[${rounded.join(",")}]`);
     }
     for (const [name, [key, value]] of Object.entries(keys)) {
-      if (name in this.asked && !(SLIDERS[name].needs in head.locked)) parts.push(`${key}=${value()}`);
+      if (this.differs(name, head)) parts.push(`${key}=${value()}`);
     }
     if (!parts.length) return null;
     const quoted = (text) => (/^[\w.\/=-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
