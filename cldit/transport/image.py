@@ -235,8 +235,8 @@ class Rays:
         for part, out in zip(solution.parts, outs, strict=True):
             portion = slice(part.rows.start * columns, part.rows.stop * columns)
             for number, plane in enumerate(planes):
-                first = number * plane.size + portion.start
-                download(part.device, out, plane[portion], start=first)
+                begin = number * plane.size + portion.start
+                download(part.device, out, plane[portion], start=begin)
         return planes
 
     @property
@@ -249,8 +249,8 @@ class Rays:
         """Planes (P, N): means of rays through each of the listed pixels, by `View.rays`."""
         step = self._most_pixels
         parts = [
-            self._at_once(pixels[first : first + step], places, ranges[first : first + step])
-            for first in range(0, len(pixels), step)
+            self._at_once(pixels[start : start + step], places, ranges[start : start + step])
+            for start in range(0, len(pixels), step)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 

@@ -162,10 +162,10 @@ def _costs(reached: Floats, share: Floats) -> Floats:
     square = np.append(0.0, np.cumsum(share * np.sum(reached**2, axis=1)))
     count = len(share)
     out = np.full((count, count + 1), np.inf)
-    for first in range(count):
-        end = np.arange(first + 1, count + 1)
-        total = np.sum((sums[end] - sums[first]) ** 2, axis=1)
-        out[first, end] = square[end] - square[first] - total / (weight[end] - weight[first])
+    for start in range(count):
+        end = np.arange(start + 1, count + 1)
+        total = np.sum((sums[end] - sums[start]) ** 2, axis=1)
+        out[start, end] = square[end] - square[start] - total / (weight[end] - weight[start])
     return out
 
 

@@ -28,8 +28,8 @@ def columns(bits: int = BITS) -> NDArray[np.uint32]:
     """
     out = np.zeros((DIMENSIONS, bits), np.uint32)
     out[0] = [1 << (31 - bit) for bit in range(bits)]
-    for dimension, (degree, coefficients, first) in enumerate(_POLYNOMIALS, start=1):
-        m = list(first)
+    for dimension, (degree, coefficients, initial) in enumerate(_POLYNOMIALS, start=1):
+        m = list(initial)
         while len(m) < bits:
             new = m[-degree] ^ (m[-degree] << degree)
             for k in range(1, degree):

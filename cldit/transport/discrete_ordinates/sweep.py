@@ -509,10 +509,10 @@ class Sweeper:
             return
         program.launch_each(
             "sweep",
-            [int(end - first) for first, end in schedule.launches],
+            [int(end - tile) for tile, end in schedule.launches],
             1,
             "first_tile",
-            [int(first) for first, _ in schedule.launches],
+            [int(tile) for tile, _ in schedule.launches],
             {**self._rays, "ray_rows": int(layout.ray_rows), **shared},
         )
 

@@ -121,8 +121,8 @@ def sweep_schedules(
     main = np.argmax(np.abs(directions.unit), axis=1)
     for axis, layout in axis_orders(box.shape).items():
         number = np.flatnonzero(main == axis)
-        for first in range(0, len(number), batch):
-            numbers = number[first : first + batch]
+        for start in range(0, len(number), batch):
+            numbers = number[start : start + batch]
             yield SweepSchedule.of(layout, numbers, directions, starts, edge=edge)
 
 

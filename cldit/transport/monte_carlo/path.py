@@ -166,13 +166,13 @@ def trace_path(
             "order": -1 if order is None else order,
         }
 
-    first = medium(device)
+    device_medium = medium(device)
     listed, shape = np.arange(pixels), (components, row_count, column_count)
     pixel_sample = None
     if draw is not None:
         out = zeros(device, "scattered light", pixels, real)
         tiles = view.tiles(programs[0], "straight")
-        programs[0].launch("straight", *tiles, {"scattered": out, **first})
+        programs[0].launch("straight", *tiles, {"scattered": out, **device_medium})
         pixel_sample = draw(download(device, out, np.empty(pixels, real)).astype(np.float64))
         listed = pixel_sample.pixels
         shape = (components, 1, len(listed))
@@ -190,7 +190,7 @@ def trace_path(
                 "table": upload(member, "phase function", table),
                 "sobol_columns": upload(member, "Sobol", columns()),
                 "whole_pixels": int(settings.whole_pixels),
-                **(first if member is device else medium(member)),
+                **(device_medium if member is device else medium(member)),
             },
             components=components,
         )
