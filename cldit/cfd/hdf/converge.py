@@ -26,7 +26,7 @@ from cldit.cfd.mapping.file import (
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import choose_time
+from cldit.cfd.times import stated_time
 from cldit.errors import EmptyCloud, SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
@@ -53,12 +53,9 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     path = spec.file
     files = _by_time(path)
     times = [time for time in files if time is not None]
-    if len(times) == len(files):
-        at: float | None = choose_time(str(path), times, spec.time_s)
-    elif len(files) == 1 and spec.time_s in (None, "latest"):
-        at = None
-    else:
+    if len(times) < len(files) > 1:
         raise SprayError(f"{path}: a file has no OUTPUT_TIME; give the path of one file")
+    at = stated_time(str(path), times, spec.time_s)
     role = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
     chosen = only_claimant(role, files[at])
     with open_hdf(chosen) as post:
@@ -183,7 +180,7 @@ def list_converge(spec: CfdSpray) -> Listing:
     path = spec.file
     files = _by_time(path)
     times = [time for time in files if time is not None]
-    at = choose_time(str(path), times, spec.time_s) if times else None
+    at = stated_time(str(path), times, spec.time_s)
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
     with open_hdf(only_claimant(f"time {at}", files[at])) as post:

@@ -5,15 +5,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from cldit.arrays import Floats
 from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.hdf.arrays import hdf_files
+from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, without_step
 from cldit.cfd.vtk.composite import COMPOSITE
-from cldit.cfd.vtk.datasets import dimension, time_value
-from cldit.cfd.vtk.ghosts import Marked, without_ghosts
+from cldit.cfd.vtk.datasets import as_numpy, cell_lists, dimension, time_value
+from cldit.cfd.vtk.ghosts import Marked, as_points, without_ghosts
 from cldit.cfd.vtk.layout import Layout
-from cldit.cfd.vtk.parcel_cells import parcels_of
 from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
 from cldit.errors import NotAtThisTime, SprayError
 from cldit.io.files import open_regular
@@ -171,7 +174,7 @@ def _sorted(
         if entry.cloud or (entry.cloud is None and (high == 0 or likely or empty)):
             claims.setdefault(name, []).append(entry.pieces[0])
             if cloud != NO_CLOUD:
-                pieces = [parcels_of(piece, drops) for piece in pieces]
+                pieces = [_parcels_of(piece, drops) for piece in pieces]
             clouds[name] = pieces
         elif high in (-1, 3):
             meshes[entry] = pieces
@@ -217,3 +220,50 @@ def comment_time(file: Path) -> float | None:
     except ValueError as error:
         assert comment is not None
         raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
+
+
+def _parcels_of(piece: Loaded, drops: Sequence[str]) -> Loaded:
+    """Points with the fields of parcels, which may belong to vertices as cells.
+
+    drops: fields that mark parcels, of their size and number; none for a cloud that is named.
+    Lines that join parcels of one time are ignored; those that follow single parcels, and
+    surfaces, such as glyphs, are refused.
+    """
+    data = piece.data
+    in_cells = set(drops) <= piece.cell_names and not set(drops) <= piece.point_names
+    if not drops or (dimension(data) <= 0 and not in_cells):
+        return piece
+    nodes, start = cell_lists(data)
+    if dimension(data) == 2 or (in_cells and np.any(np.diff(start) != 1)):
+        raise _refusal(piece, drops, "on lines or surfaces, such as glyphs")
+    if not in_cells:
+        if _follow_parcels(piece, drops[-1], nodes, start):
+            raise _refusal(piece, drops, "on lines along which a parcel keeps its number: tracks")
+        return replace(piece, data=as_points(data, np.arange(data.GetNumberOfPoints())))
+    points = as_points(data, nodes)
+    points.GetPointData().ShallowCopy(data.GetCellData())
+    return replace(piece, data=points, point_names=piece.cell_names)
+
+
+def _follow_parcels(piece: Loaded, number: str, nodes: Labels, start: Labels) -> bool:
+    """True if numbers or masses stay or fall, and ages only rise or only fall, along all lines."""
+    inside = np.ones(len(nodes), dtype=bool)
+    inside[start[:-1][np.diff(start) > 0]] = False  # the first point of a line
+    later = np.flatnonzero(inside)
+
+    def steps(name: str) -> Floats:
+        values = as_numpy(piece.data.GetPointData().GetArray(name)).astype(np.float64)
+        return np.asarray(values[nodes[later]] - values[nodes[later - 1]])
+
+    if not len(later) or np.any(steps(number) > 0):
+        return False
+    ages = steps("age") if "age" in piece.point_names else np.zeros(1)
+    return bool(np.all(ages >= 0) or np.all(ages <= 0))
+
+
+def _refusal(piece: Loaded, drops: Sequence[str], where: str) -> SprayError:
+    return SprayError(
+        f"{piece.file}: has {' and '.join(drops)}, the fields of parcels, {where}; save the "
+        "points of one time as vertices, or name the cloud to be read (spray.cloud; "
+        f"{NO_CLOUD} for gas alone)"
+    )
