@@ -164,7 +164,7 @@ MUTATIONS = (
     row("cldit/gpu/signature.py", "if argument.name == name:", "if argument.name >= name:",
         "unit/gpu"),
     # transport
-    row("cldit/transport/angular_moments.py", "3 * first] * 3", "3 * first] * 2 + [first]",
+    row("cldit/transport/angular_moments.py", "3 * moment_1] * 3", "3 * moment_1] * 2 + [moment_1]",
         "unit/transport", "kernels/test_sweep.py"),
     row("kernels/linear_cell.h", "* R(1.0 / 12.0);", "* R(1.0 / 10.0);",
         "kernels/test_cell_records.py", "kernels"),
