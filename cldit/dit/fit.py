@@ -293,8 +293,7 @@ class _Steady:
         return steady
 
     def values(self, values: Floats, residuals: _ByKind) -> tuple[Floats, Floats]:
-        """Values (4, N) and decrease of chi2 (N,) by the `residuals` of the estimate `values`
-        without steady errors."""
+        """Values (4, N) and decrease of chi2 (N,), from `values` without steady errors."""
         decrease = np.zeros(values.shape[1])
         q = [(r * residuals[0] + i * residuals[1]).sum(axis=0) for r, i in self.weighted]
         for k, (change, scale, share) in enumerate(
