@@ -285,8 +285,7 @@ def curve_boundary(
     *,
     dimmed: Mapping[str, float] | None = None,
 ) -> Boundary:
-    """Measurement equation of radiances by the `curve`, with the transmission of windows reduced
-    by `dimmed`, by side."""
+    """Measurement equation by the `curve`; `dimmed`: loss of the windows, by side."""
     middle_K = reference_temperature_K(list(backgrounds_K))
 
     def pane(window: Window) -> Pane:

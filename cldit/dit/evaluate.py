@@ -74,8 +74,7 @@ def evaluate_radiance(
         surroundings: walls, windows and patches around the spray.
         filter_um: edges of the filter.
         nodes: spectral nodes of the traces; None: one trace for the whole filter.
-        sensor: its noise, for a sensor pixel at each ray, gives the standard errors and the weights
-            of the backgrounds; None: errors are 0. Saturation is ignored.
+        sensor: its noise at each ray gives the standard errors; None: 0. Saturation is ignored.
         shots, references: exposures per background.
 
     Returns:

@@ -128,8 +128,7 @@ def repeats(sums: AllSums) -> dict[str, str]:
 
 
 def lag(sums: AllSums) -> Witness | None:
-    """Witness of references that contain a part of the image before, by those that follow an
-    injection."""
+    """Witness of references that contain a part of the injection before."""
     product, square, rest, count = 0.0, 0.0, 0.0, 0
     for setpoint in sorted({setpoint for setpoint, _ in sums}):
         taken = sorted(

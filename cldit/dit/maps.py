@@ -91,8 +91,7 @@ class Maps:
 
     @property
     def optical_depth(self) -> Image:
-        """Optical depth of extinction, -ln(1 - emissivity), (H, W); NaN where nothing is
-        transmitted."""
+        """Optical depth -ln(1 - emissivity), (H, W); NaN where nothing is transmitted."""
         through = 1.0 - self.emissivity
         return np.asarray(
             -np.log(through, out=np.full(through.shape, np.nan, np.float32), where=through > 0.0)

@@ -138,26 +138,22 @@ def evaluate_shots(
 ) -> Evaluation:
     """DIT of recorded shots.
 
-    Shots of one set point are averaged, without those that are damaged (`cldit.dit.film`) or
-    outliers (`cldit.dit.outliers`); their groups are read a second time. One image is in memory at
-    a time, so memory grows with the number of backgrounds only (48 bytes per pixel each). A
-    background at which a pixel is saturated is ignored for this pixel. Standard errors: see
-    `cldit.dit.solve.solve`. Missing values of counts_per_radiance and noise are estimated from the
-    references.
+    Shots of one set point are averaged, without damaged ones (`cldit.dit.film`) and outliers
+    (`cldit.dit.outliers`), one image in memory at a time (48 bytes per pixel and background). A
+    background at which a pixel is saturated is ignored for this pixel. Missing values of
+    counts_per_radiance and noise are estimated from the references.
 
     Args:
         acquisition: recorded shots and properties of the rig.
         curve: from Planck's law over the filter, or fitted to the references (`fit_curve`).
-        accept: names of witnesses (`cldit.dit.witness.finding.ACCEPTABLE`) that do not end the
-            evaluation.
+        accept: names of witnesses that do not end the evaluation.
         progress: called with (shots read, shots in all).
 
     Returns:
         Maps (H, W), checks, remarks and calibration.
 
     Raises:
-        EvaluationError: data are missing or inconsistent; references and injections are swapped; a
-            witness is severe and not accepted.
+        EvaluationError: data are missing, inconsistent or swapped; a witness is not accepted.
     """
     shots = _read(acquisition, accept=accept, progress=progress)
     checked = _check(shots, acquisition, curve=curve, accept=accept)

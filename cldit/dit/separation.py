@@ -90,7 +90,7 @@ class Prediction:
 
     @classmethod
     def of(cls, scores: Sequence[float], known: float) -> "Prediction":
-        """By the scores of draws, and the variance of errors that these do not contain."""
+        """Takes the scores of draws, and the variance of errors that these do not contain."""
         sampled = float(np.var(scores, ddof=1)) * (1.0 + 1.0 / len(scores))
         degrees = (1.0 + known / sampled) ** 2 * (len(scores) - 1) if sampled > 0.0 else math.inf
         return cls(float(np.mean(scores)), math.sqrt(known + sampled), degrees)

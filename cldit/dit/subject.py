@@ -138,8 +138,7 @@ class Subject:
         )
 
     def covariance(self, backgrounds_K: Sequence[float]) -> Floats:
-        """Covariance (2, N, 2) of T_app and emissivity, with one shot of either kind per
-        background."""
+        """Covariance (2, N, 2) of T_app and emissivity, with a shot of each kind per background."""
         lines, _ = self._fitted(backgrounds_K)
         rows = self._gradients(lines)
         return np.asarray(np.einsum("ani,nij,bnj->anb", rows, lines.covariance, rows))
@@ -153,8 +152,7 @@ class Subject:
         return np.stack([kelvin, 1.0 - s / g])
 
     def response(self, backgrounds_K: Sequence[float]) -> Floats:
-        """Derivatives (2, K, N) of T_app and emissivity by the signal with spray at each
-        background."""
+        """Derivatives (2, K, N) of T_app and emissivity by the K signals with spray."""
         lines, variance = self._fitted(backgrounds_K)
         rows = self._gradients(lines)[:, :, 2:]
         of_s, of_c = np.einsum("ani,nij->jan", rows, lines.covariance[:, 2:, 2:])

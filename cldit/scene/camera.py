@@ -75,11 +75,9 @@ class Lens(Section):
     spread_m: Annotated[float, Within(1e-8, 1e-2)] | None = None
     """Standard deviation, on the sensor, of a Gaussian point spread in focus. Default: none."""
     mtf: TransferCurve | None = None
-    """MTF in focus, beside the aperture's: pairs of frequency on the sensor (1/mm) and value, or a
-    file of them."""
+    """Further MTF in focus: pairs of frequency on the sensor (1/mm) and value, or a file."""
     point_spread: PointSamples | None = None
-    """Samples of a point spread in focus, as in the image, of any sum: rows of numbers, or a file
-    of them or a TIFF. Linear between samples; its middle is the middle sample."""
+    """Samples of a point spread in focus, as in the image: rows of numbers, or a file or TIFF."""
     point_spread_pixel_m: Annotated[float, Within(1e-8, 1e-3)] | None = None
     """Distance between the samples of `point_spread` on the sensor."""
 
@@ -112,8 +110,7 @@ class Camera(Section):
     sensor: Sensor = Sensor()
     """Sensor and lens."""
     exposure: Literal["instant", "times", "smear"] = "instant"
-    """The spray during the integration: `instant`, at its time; `times`, mean light of several
-    times; `smear`, droplets spread along their velocity."""
+    """`instant`: no motion; `times`: mean light of several times; `smear`: droplets move alone."""
     exposure_times: Literal[3, 5, 7, 9] = 3
     """Number of sprays of `exposure: times`, each solved."""
     lens: Lens | None = None

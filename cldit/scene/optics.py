@@ -11,10 +11,7 @@ MOST_WAVELENGTHS = 64
 
 
 class Optics(Section):
-    """The camera's filter and the optical properties of liquid and vapour.
-
-    The constants of preset `paper` are from the paper, Section 2.
-    """
+    """Filter, liquid and vapour; the constants of preset `paper` are the paper's, Section 2."""
 
     preset: Literal["paper", "spectral"] = "paper"
     """`paper`: the paper's constants at one wavelength; `spectral`: data across the filter."""

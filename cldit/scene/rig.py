@@ -25,5 +25,4 @@ class PlanSize(Section):
     references: Annotated[int, Within(1, 100_000)] = 5
     """Number of reference images, without injection, at each background temperature."""
     delays_s: tuple[Annotated[float, Within(1e-5, 0.1)], ...] = ()
-    """Delays after the start of injection, each recorded at every background temperature with the
-    shots and references above. Empty: `spray.time_s` alone."""
+    """Delays after the start of injection, at every background. Empty: `spray.time_s` alone."""

@@ -84,9 +84,6 @@ class Scene(Section):
             folder: start of its relative paths.
             finished: True for a finished run, whose tables need not exist any more.
 
-        Returns:
-            The scene, checked and frozen.
-
         Raises:
             SceneError: a value is not allowed; each line has the path, the value and what is
                 allowed.

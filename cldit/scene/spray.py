@@ -173,8 +173,7 @@ class FlowBox(Section):
     }
 
     spacing_m: Annotated[float, Within(1e-4, 1e-2)] | None = None
-    """Edge of the gas cells 25 mm from the tip; it is proportional to that distance. Default: as
-    `transport.accuracy_K` needs; 1 mm without a choice."""
+    """Edge of the gas cells 25 mm from the tip. Default: chosen by the run, or 1 mm."""
     depth_m: Length | None = None
     """Radius of the space. Default: deep enough for the spray."""
 
@@ -249,8 +248,7 @@ class GridSpray(Section):
     model: Literal["grid"] = "grid"
     """Name of the model."""
     file: Path
-    """.npz file of `origin_m`, `spacing_m` and coefficients in 1/m (docs/importing.md), relative to
-    the scene."""
+    """.npz file of `origin_m`, `spacing_m` and coefficients in 1/m (docs/importing.md)."""
     scatter: OpticalScatter = Scatter()
     """Differences between injections."""
 
@@ -281,9 +279,8 @@ class CfdSpray(Section):
     """Result of a CFD code."""
 
     _former: ClassVar[Former] = {
-        "spread_m": (None, "deposit: kernel spreads parcels over the distance between them"),
-        "spread_points": (16, "deposit: kernel spreads parcels evenly"),
-        "seed": (1, "deposit: kernel draws nothing"),
+        key: (stored, "deposit: kernel spreads parcels over the distance between them")
+        for key, stored in {"spread_m": None, "spread_points": 16, "seed": 1}.items()
     }
 
     model: Literal["cfd"] = "cfd"

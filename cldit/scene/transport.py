@@ -58,8 +58,7 @@ class Transport(Section):
     audit: bool = True
     """Estimate the error by source, and choose the settings that are not given."""
     cutoff: Annotated[float, Within(0.0, 0.5)] | None = None
-    """Transmission below which a ray ends. Default: such that the light beyond it changes T_app by
-    at most 1 % of `accuracy_K`."""
+    """Transmission at which a ray ends. Default: light beyond it is 1 % of `accuracy_K` at most."""
     directions: Annotated[int, Within(4, 4096)] | None = None
     """Number of discrete ordinates. Default: chosen from `accuracy_K`."""
     precision: Literal["auto", "float32", "float64"] = "auto"

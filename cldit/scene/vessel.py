@@ -23,8 +23,7 @@ class Domain(Section):
     rule: Literal["need", "paper"] = "need"
     """Cell size: `need`, as the medium requires; `paper`, 0.5 mm wherever there are droplets."""
     leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] | None = None
-    """Upper bound of the finest cells' edge, at least `edge_m` / 4096. Default: by `rule` and
-    `transport.accuracy_K`."""
+    """Largest edge of the finest cells, from `edge_m` / 4096. Default: by `rule` and accuracy."""
     optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
     """Optical depth of vapour above which a cell is divided."""
 

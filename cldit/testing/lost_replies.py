@@ -188,7 +188,10 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
 
 
 def all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
-    """Raises ContractBroken with the problems of all cases, whose sessions run in parallel."""
+    """Raises ContractBroken with the problems of all cases, whose sessions run in parallel.
+
+    Args: check: session of a case, returns its problem; cases; at_once: number of threads.
+    """
     with ThreadPoolExecutor(at_once) as pool:
         failures = [problem for problem in pool.map(check, cases) if problem]
     expect(not failures, "\n".join(failures))

@@ -28,8 +28,7 @@ _THIN = 0.98  # share of the background behind thin spray
 
 @dataclass(frozen=True, kw_only=True)
 class Examined:
-    """Witnesses, and errors for the fit. terms: the drifts in kelvin. through: True if a drift
-    continues through breaks."""
+    """Witnesses, and errors for the fit. terms: drifts, K. through: drifts go through breaks."""
 
     witnesses: tuple[Witness, ...]
     drifts: tuple[Drift, ...]

@@ -111,8 +111,7 @@ _SAYS = {
 
 @dataclass(frozen=True)
 class _Cause:
-    """A fitted cause. size: radiance of an offset, kelvin, or percent. beside: (K,) difference
-    without the spray."""
+    """A fitted cause. size: radiance, K, or percent. beside: (K,) difference without spray."""
 
     column: str
     size: float
