@@ -17,8 +17,8 @@ from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
 from cldit.run.ensemble import INJECTIONS, NOMINAL
 from cldit.scene import Scene
-from cldit.scene.coarser import coarsened
 from cldit.scene.delays import spray_time_s
+from cldit.scene.keys import coarsened
 from cldit.scene.scatter import member, members_of, nominal
 from cldit.scene.spray import LagrangianSpray
 

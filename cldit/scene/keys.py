@@ -1,4 +1,4 @@
-"""Values of scenes by their keys, and keys whose values differ."""
+"""Values of scenes by their keys, keys whose values differ, and wider cells."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from cldit.errors import SceneError
 from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray, LagrangianSpray
 
 
 @dataclass(frozen=True)
@@ -64,3 +65,17 @@ def value_at(scene: Scene, key: str) -> Any:
         except (KeyError, ValueError, IndexError, TypeError) as error:
             raise SceneError(f"{key}: the scene has no such key") from error
     return value
+
+
+def coarsened(scene: Scene, factor: float) -> Scene:
+    """The scene with octree, gas cells and lattice `factor` times as wide."""
+    if factor == 1.0:
+        return scene
+    widths = {"domain.leaf_edge_m": scene.domain.leaf_edge_m}
+    if isinstance(scene.spray, LagrangianSpray):
+        widths["spray.box.spacing_m"] = scene.spray.box.cell_m
+    elif isinstance(scene.spray, ConeSpray):
+        widths["spray.spacing_m"] = scene.spray.lattice_m
+    return scene.with_(
+        **{key: factor * width for key, width in widths.items() if width is not None}
+    )

@@ -12,15 +12,36 @@ from cldit.errors import SceneError
 from cldit.io.plain_data import dump_yaml
 from cldit.scene.camera import Camera
 from cldit.scene.change import changed
-from cldit.scene.checks import Section, describe
+from cldit.scene.checks import Section, Within, describe
 from cldit.scene.optics import Optics
-from cldit.scene.rig import PlanSize, Rig
 from cldit.scene.spray import Spray, gas_jet_of_0_1
 from cldit.scene.transport import Transport
-from cldit.scene.values import Point
+from cldit.scene.values import Point, Temperature
 from cldit.scene.vessel import Background, Domain, Patches, Walls, Windows
 
 _GAS_OF_0_1 = "cone", "methane"  # model and fuel of a spray
+
+
+class Rig(Section):
+    """Behaviour of the simulated rig."""
+
+    background_time_constant_s: Annotated[float, Within(0.0, 1e5)] = 120.0
+    """Time constant with which the black body approaches its set point."""
+    background_start_K: Temperature = 295.0
+    """Temperature of the black body when the sequence begins."""
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    """Random seed of noise and of `spray.scatter.optical_depth`."""
+
+
+class PlanSize(Section):
+    """Number of recordings at each background temperature."""
+
+    shots: Annotated[int, Within(1, 100_000)] = 5
+    """Number of injections at each background temperature."""
+    references: Annotated[int, Within(1, 100_000)] = 5
+    """Number of reference images, without injection, at each background temperature."""
+    delays_s: tuple[Annotated[float, Within(1e-5, 0.1)], ...] = ()
+    """Delays after the start of injection, at every background. Empty: `spray.time_s` alone."""
 
 
 class Scene(Section):

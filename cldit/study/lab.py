@@ -11,7 +11,7 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, RunCache, Say
 from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene
-from cldit.scene.coarser import coarsened
+from cldit.scene.keys import coarsened
 from cldit.scene.spray import LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
