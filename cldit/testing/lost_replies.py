@@ -91,7 +91,7 @@ def check_replies(
         for index, number in enumerate(numbers(replies))
         for fault in ([faults[(index + index // turn) % turn]] if in_turn else faults)
     ]
-    all_right(one, cases, at_once)
+    _all_right(one, cases, at_once)
     return len(cases)
 
 
@@ -122,7 +122,7 @@ def check_connect(
         problem = problem_of(check, answer_s=_ANSWER_s)
         return f"reply {number} of {replies} lost: {problem}" if problem else ""
 
-    all_right(one, every(replies), at_once)
+    _all_right(one, every(replies), at_once)
     return replies
 
 
@@ -187,11 +187,8 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
 
 
-def all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
-    """Raises ContractBroken with the problems of all cases, whose sessions run in parallel.
-
-    Args: check: session of a case, returns its problem; cases; at_once: number of threads.
-    """
+def _all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
+    """Raises ContractBroken with the problems of all cases, whose sessions run in parallel."""
     with ThreadPoolExecutor(at_once) as pool:
         failures = [problem for problem in pool.map(check, cases) if problem]
     expect(not failures, "\n".join(failures))
