@@ -92,9 +92,15 @@ class Pair:
         g, c_ref, s, c_inj = self.values.T
         return g * source[0][:, None] + c_ref, s * source[1][:, None] + c_inj
 
+    def between(self, gradient: Floats, partner: Floats) -> Floats:
+        """(N,) covariance of two quantities with these gradients (N, 4), to first order."""
+        with np.errstate(invalid="ignore", over="ignore"):  # gradients of unseen spray are infinite
+            change = _times(self.covariance.transpose(1, 2, 0), partner.T)
+            return np.asarray((gradient.T * change).sum(axis=0))
+
     def variance(self, gradient: Floats) -> Floats:
         """(N,) variance of a quantity with this gradient (N, 4), to first order."""
-        return np.asarray(np.einsum("ni,nij,nj->n", gradient, self.covariance, gradient))
+        return self.between(gradient, gradient)
 
 
 def fit_pair(
@@ -127,9 +133,8 @@ def fit_pair(
     with np.errstate(divide="ignore", invalid="ignore"):
         covariance = _inverse(*weight.normal(lines))
     covariance[:, :, ~determined] = np.nan
-    ref, inj = weight.times(signals)
-    right = np.stack([lines[0].T[0] @ ref, ref.sum(0), lines[1].T[0] @ inj, inj.sum(0)])
-    values = np.einsum("ijn,jn->in", covariance, right)
+    right = _in_design(lines, weight.times(signals))
+    values = _times(covariance, right)
     residuals = _residuals(signals, lines, values)
     chi2 = weight.chi2(residuals)
     columns = [
@@ -137,11 +142,16 @@ def fit_pair(
         for error in (steady if noisy else ())
     ]
     eliminated = _Steady.of(columns, weight, lines=lines, covariance=covariance)
-    values, decrease = eliminated.values(values, residuals)
+    seen = [(r * residuals[0] + i * residuals[1]).sum(axis=0) for r, i in eliminated.weighted]
+    values, decrease = eliminated.values(values, seen)
     shared = []
-    for error in (*_deviations(common, unit), *columns) if with_shared and noisy else ():
-        change = np.einsum("ijn,jn->in", covariance, _in_design(lines, weight.times(error)))
-        shared.append(eliminated.values(change, _residuals(error, lines, change))[0])
+    for k, error in _deviations(common, unit) if with_shared and noisy else ():
+        ref, inj = weight.at(k).times(error)
+        design = np.stack([lines[0][k] * ref, ref, lines[1][k] * inj, inj])
+        shown = [r[k] * error[0] + i[k] * error[1] for r, i in eliminated.weighted]
+        shared.append(eliminated.of_error(_times(covariance, design), shown))
+    if with_shared:
+        shared += [eliminated.of_error(by, list(shown)) for by, shown in eliminated.isolated]
     covariance, chi2 = covariance + eliminated.covariance, np.maximum(chi2 - decrease, 0.0)
     if not noisy:
         covariance = np.where(determined, np.zeros((4, 4, 1)), np.nan)
@@ -190,6 +200,11 @@ class _Weight:
             total_a, total_b, c = total_a + d * p**2, total_b + d * q**2, c + d * p * q
         return cls(*(np.where(usable, part / determinant, 0.0) for part in (total_b, total_a, -c)))
 
+    def at(self, k: int) -> "_Weight":
+        """The weight (N,) at one background."""
+        between = None if self.between is None else self.between[k]
+        return _Weight(self.reference[k], self.injection[k], between)
+
     def times(self, values: _ByKind) -> _ByKind:
         """V^-1 y (K, N) by kind, of the `values` y."""
         ref, inj = values
@@ -234,18 +249,22 @@ def _residuals(signals: _ByKind, lines: _ByKind, values: Floats) -> _ByKind:
     )
 
 
-def _deviations(common: Sequence[CommonError], unit: float) -> Iterator[_ByKind]:
-    """One standard deviation (K, N) in both kinds of each error that is common to all pixels."""
+def _deviations(common: Sequence[CommonError], unit: float) -> Iterator[tuple[int, _ByKind]]:
+    """Background of each error that all pixels have in common, and one standard deviation (N,) of
+    it in both kinds there."""
     for error in common:
         for k in np.flatnonzero(error.variance) if error.variance.ndim == 1 else ():
-            at = (np.arange(len(error.variance)) == k)[:, None] * np.sqrt(error.variance[k]) / unit
-            yield at * error.reference, at * error.injection
+            size = np.sqrt(error.variance[k]) / unit
+            p, q = (
+                part[k] if part.ndim == 2 else part for part in (error.reference, error.injection)
+            )
+            yield int(k), (size * p, size * q)
 
 
 def _in_design(lines: _ByKind, weighted: _ByKind) -> Floats:
     """X' V^-1 y (4, N) of the `weighted` means V^-1 y."""
     ref, inj = weighted
-    return np.stack([(lines[0] * ref).sum(0), ref.sum(0), (lines[1] * inj).sum(0), inj.sum(0)])
+    return np.stack([lines[0].T[0] @ ref, ref.sum(0), lines[1].T[0] @ inj, inj.sum(0)])
 
 
 @dataclass(frozen=True)
@@ -253,11 +272,15 @@ class _Steady:
     """Change of an estimate by steady errors, see the module, one after the other: those that
     follow see what the earlier ones explain.
 
-    weighted: V^-1 u of each. change: (4, N) of the lines by each. scale: (N,) its S. share: (M, N)
-    of its q in those of all. covariance: (4, 4, N) added by all.
+    weighted: V^-1 u of each; in_design: X' V^-1 u (4, N). isolated: change of the lines by the
+    error without others, and its products u' V^-1 u' with all. change: (4, N) of the lines by each,
+    without the earlier ones. scale: (N,) its S. share: (M, N) of its q in those of all. covariance:
+    (4, 4, N) added by all.
     """
 
     weighted: Sequence[_ByKind]
+    in_design: Sequence[Floats]
+    isolated: list[tuple[Floats, Floats]]
     change: list[Floats]
     scale: list[Floats]
     share: list[Floats]
@@ -270,17 +293,19 @@ class _Steady:
         """Eliminates errors u, the `columns`. lines: (K, 1) radiance of the background.
         covariance: of the estimate without them."""
         if not columns:
-            return cls([], [], [], [], 0.0)
+            return cls([], [], [], [], [], [], 0.0)
         weighted = [weight.times(column) for column in columns]
         in_design = [_in_design(lines, column) for column in weighted]
-        change = np.array([np.einsum("ijn,jn->in", covariance, column) for column in in_design])
-        size = np.empty((len(columns), len(columns), change.shape[2]))
+        change = np.array([_times(covariance, column) for column in in_design])
+        products = np.empty((len(columns), len(columns), change.shape[2]))
         for row, (r, i) in enumerate(weighted):
-            for column, (u_r, u_i) in enumerate(columns):
-                product = (r * u_r + i * u_i).sum(axis=0)
-                size[row, column] = product - np.sum(in_design[row] * change[column], axis=0)
+            for column, (u_r, u_i) in enumerate(columns[: row + 1]):
+                products[row, column] = (r * u_r + i * u_i).sum(axis=0)
+                products[column, row] = products[row, column]
+        size = products - np.array([(design * change).sum(axis=1) for design in in_design])
         added = np.zeros_like(covariance)
-        steady = cls(weighted, [], [], [], added)
+        isolated = list(zip(change, products, strict=True))
+        steady = cls(weighted, in_design, isolated, [], [], [], added)
         for k in range(len(columns)):
             scale = 1.0 + np.maximum(size[k, k], 0.0)
             share = size[:, k] / scale
@@ -292,11 +317,16 @@ class _Steady:
             size = size - share[:, None] * size[k]
         return steady
 
-    def values(self, values: Floats, residuals: _ByKind) -> tuple[Floats, Floats]:
-        """Values (4, N) and decrease of chi2 (N,) by the `residuals` of the estimate `values`
-        without steady errors."""
+    def of_error(self, change: Floats, products: Sequence[Floats]) -> Floats:
+        """Change (4, N) of the lines by an error, from that without steady errors, and from the
+        `products` u' V^-1 y (N,) of each with it."""
+        pairs = zip(products, self.in_design, strict=True)
+        return self.values(change, [p - (design * change).sum(axis=0) for p, design in pairs])[0]
+
+    def values(self, values: Floats, q: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Values (4, N) and decrease of chi2 (N,), from the estimate `values` without steady
+        errors, and from the q of each by its residuals."""
         decrease = np.zeros(values.shape[1])
-        q = [(r * residuals[0] + i * residuals[1]).sum(axis=0) for r, i in self.weighted]
         for k, (change, scale, share) in enumerate(
             zip(self.change, self.scale, self.share, strict=True)
         ):
@@ -335,7 +365,14 @@ def _inverse_2(m: Floats) -> Floats:
 
 
 def _product(matrix: Floats, factor: Floats) -> Floats:
-    return np.asarray(np.einsum("ikn,kjn->ijn", matrix, factor))
+    """Products (I, J, N) of matrices (I, K, N) and (K, J, N): einsum takes ten times as long."""
+    columns = matrix.swapaxes(0, 1)[:, :, None]
+    return np.asarray(sum(column * row for column, row in zip(columns, factor, strict=True)))
+
+
+def _times(matrix: Floats, vector: Floats) -> Floats:
+    """Products (I, N) of matrices (I, K, N) and vectors (K, N)."""
+    return _product(matrix, vector[:, None])[:, 0]
 
 
 def _blocks(upper: Floats, corner: Floats, lower: Floats) -> Floats:

@@ -233,12 +233,10 @@ def _with_common_errors(maps: Maps, lines: Pair, curve: Curve) -> Solution:
         nothing = np.zeros((0, *shape))
         return Solution(maps, nothing, nothing)
     radiance = apparent_radiance(lines)[0]
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         slope = curve.temperature_slope(np.where(maps.reason.ravel() == 0, radiance, np.nan))
-    of_radiance, of_emissivity = (
-        np.einsum("mni,ni->mn", lines.shared, gradient)
-        for gradient in (radiance_gradient(lines), emissivity_gradient(lines))
-    )
+        of_radiance = (lines.shared * radiance_gradient(lines)).sum(axis=-1)
+        of_emissivity = (lines.shared * emissivity_gradient(lines)).sum(axis=-1)
     images = (-1, *shape)
     return Solution(maps, (of_radiance * slope).reshape(images), of_emissivity.reshape(images))
 
@@ -431,9 +429,7 @@ def _maps(
         reduced = np.where(spare, lines.chi2 / degrees, np.nan)
         chance = np.where(spare, scipy.special.chdtrc(np.maximum(degrees, 1), lines.chi2), np.nan)
 
-    covariance = np.einsum(
-        "ni,nij,nj->n", emissivity_gradient(lines), lines.covariance, radiance_gradient(lines)
-    )
+    covariance = lines.between(emissivity_gradient(lines), radiance_gradient(lines))
     with np.errstate(divide="ignore", invalid="ignore"):  # 0 / 0 without noise
         correlation = covariance / np.sqrt(epsilon_variance * radiance_variance)
 
