@@ -235,8 +235,8 @@ def _with_common_errors(maps: Maps, lines: Pair, curve: Curve) -> Solution:
     radiance = apparent_radiance(lines)[0]
     with np.errstate(invalid="ignore", over="ignore"):
         slope = curve.temperature_slope(np.where(maps.reason.ravel() == 0, radiance, np.nan))
-        of_radiance = (lines.shared * radiance_gradient(lines)).sum(axis=-1)
-        of_emissivity = (lines.shared * emissivity_gradient(lines)).sum(axis=-1)
+        of_radiance = np.einsum("mni,ni->mn", lines.shared, radiance_gradient(lines))
+        of_emissivity = np.einsum("mni,ni->mn", lines.shared, emissivity_gradient(lines))
     images = (-1, *shape)
     return Solution(maps, (of_radiance * slope).reshape(images), of_emissivity.reshape(images))
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import builtins
 import importlib
+import os
 import subprocess
 import sys
 import tempfile
@@ -182,13 +183,16 @@ def as_gpu(units: int) -> None:
 def table() -> list[str]:
     """Costs of `RUNS`, each by a process of its own, whose programs and tables are there."""
     out = ["| run | " + " | ".join(PRINTED) + " |", "| --- " * (1 + len(PRINTED)) + "|"]
+    # Installed packages have bytecode, so these have it too, whatever the caller's environment.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     for name, (option, command) in RUNS.items():
         with tempfile.TemporaryDirectory() as folder:
+            environment["PYTHONPYCACHEPREFIX"] = f"{folder}/bytecode"
             for number in range(2):
                 whole = [*option.split(), "--", *command.split(), "--out", f"{folder}/{number}"]
                 done = subprocess.run(
                     [sys.executable, "-m", "tests.bench", "device_cost", *whole],
-                    capture_output=True, text=True, check=True,
+                    capture_output=True, text=True, check=True, env=environment,
                 )  # fmt: skip
         known = {line[:14].strip(): line[14:].split() for line in done.stdout.splitlines()}
         values = [known.get(each, ["0"])[0] for each in PRINTED]
