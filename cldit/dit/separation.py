@@ -89,11 +89,11 @@ class Prediction:
     degrees: float = math.inf
 
     @classmethod
-    def of(cls, scores: Sequence[float], known: float) -> "Prediction":
-        """Takes the scores of draws, and the variance of errors that these do not contain."""
+    def of(cls, scores: Sequence[float], variance: float) -> "Prediction":
+        """Prediction by scores of draws, and the variance of errors that these do not contain."""
         sampled = float(np.var(scores, ddof=1)) * (1.0 + 1.0 / len(scores))
-        degrees = (1.0 + known / sampled) ** 2 * (len(scores) - 1) if sampled > 0.0 else math.inf
-        return cls(float(np.mean(scores)), math.sqrt(known + sampled), degrees)
+        degrees = (1.0 + variance / sampled) ** 2 * (len(scores) - 1) if sampled > 0.0 else math.inf
+        return cls(float(np.mean(scores)), math.sqrt(variance + sampled), degrees)
 
     def reach(self, probability: float) -> float:
         """Distance from the mean that is exceeded on one side with this probability."""
@@ -149,12 +149,12 @@ class SeparationTest:
 
     def distance(self, shots: float, observables: Iterable[str] = OBSERVABLES) -> float:
         """Distance of the models by so many injections, and references, per background."""
-        first, second = self.predictions(shots, observables)
+        of_model, of_rival = self.predictions(shots, observables)
         needed = max(
-            first.reach(LEVEL) + second.reach(1.0 - POWER),
-            second.reach(LEVEL) + first.reach(1.0 - POWER),
+            of_model.reach(LEVEL) + of_rival.reach(1.0 - POWER),
+            of_rival.reach(LEVEL) + of_model.reach(1.0 - POWER),
         )
-        return NEEDED * max(second.mean - first.mean, 0.0) / max(needed, 1e-300)
+        return NEEDED * max(of_rival.mean - of_model.mean, 0.0) / max(needed, 1e-300)
 
     def p_values(
         self, residual: Floats, shots: float, observables: Iterable[str] = OBSERVABLES
@@ -164,8 +164,8 @@ class SeparationTest:
         residual: data less the first model, (B, 2).
         """
         score = float(np.sum(self._weights(shots, observables)[0] * residual))
-        first, second = self.predictions(shots, observables)
-        excesses = ((first, score - first.mean), (second, second.mean - score))
+        of_model, of_rival = self.predictions(shots, observables)
+        excesses = ((of_model, score - of_model.mean), (of_rival, of_rival.mean - score))
         chances = [float(stdtr(item.degrees, -off / item.deviation)) for item, off in excesses]
         return chances[0], chances[1]
 
@@ -176,19 +176,18 @@ class SeparationTest:
         weights, z = self._weights(shots, observables)
         if self.draws is None:
             return Prediction(0.0), Prediction(z)
-        known = np.einsum("bi,bij,bj->", weights, self.noise, weights) / shots
+        variance = np.einsum("bi,bij,bj->", weights, self.noise, weights) / shots
         for source in self.sources:
             square = np.sum(np.einsum("mbi,bi->m", source.images, weights) ** 2)
             square += np.sum(weights[:, :, None] * weights[:, None] * source.independent)
-            known += square / (shots if source.by_injection else 1.0)
+            variance += square / (shots if source.by_injection else 1.0)
         scores = []
         for number, pair in enumerate(np.swapaxes(self.draws, 0, 1)):
-            others = replace(self, draws=np.delete(self.draws, number, axis=1))
-            scores.append(np.sum(others._weights(shots, observables)[0] * pair, axis=(1, 2)))
-        first, second = (
-            Prediction.of(of_model, float(known)) for of_model in zip(*scores, strict=True)
-        )
-        return first, replace(second, mean=second.mean + z)
+            fold = replace(self, draws=np.delete(self.draws, number, axis=1))
+            scores.append(np.sum(fold._weights(shots, observables)[0] * pair, axis=(1, 2)))
+        sides = zip(*scores, strict=True)
+        of_model, of_rival = (Prediction.of(side, float(variance)) for side in sides)
+        return of_model, replace(of_rival, mean=of_rival.mean + z)
 
     def _weights(self, shots: float, observables: Iterable[str]) -> tuple[Floats, float]:
         """Weights w (B, 2) of the score, and z, by Woodbury's identity: z^2 as a sum of what the

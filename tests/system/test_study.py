@@ -131,8 +131,8 @@ def test_extinction_separates_what_t_app_does_not(tmp_path: Path) -> None:
     }
     lab = Lab(RunCache(tmp_path), quick=True, always=coarse)
     found = models(lab, campaigns=0)
-    # four models, six unknowns, six draws, wider cells; in two bands
-    assert len(lab.runs.computed) == 2 * (4 + 6 + 6 + 1) and len(found.table) == 6
+    # four models with twelve draws each, six unknowns, wider cells; in two bands
+    assert len(lab.runs.computed) == 2 * (4 + 4 * 12 + 6 + 1) and len(found.table) == 6
     assert float(found.values["t_app"]) < NEEDED < float(found.values["extinction"])
     row = next(one for one in found.table if one["models"] == "abramzon-sirignano / dukowicz")
     assert row["separated by"] != "none" and float(found.values["liquid"]) > 0.2

@@ -207,18 +207,6 @@ def test_a_true_model_is_ruled_out_in_one_percent() -> None:
     assert len(told) > 50 and np.mean(told) > 0.95 - 3.0 * math.sqrt(0.95 * 0.05 / len(told))
 
 
-def test_twins_of_a_draw_are_left_out_with_it() -> None:
-    """The draws of two models have the same random numbers: if one knew the other, a difference of
-    equal models would have no error along them."""
-    rng = np.random.default_rng(2)
-    draws = rng.normal(0.0, 1.0, (1, 6, 30, 2)).repeat(2, axis=0)
-    test = replace(_test(), draws=draws)
-    first, second = test.predictions(1)
-    apart = replace(_test(), draws=np.concatenate([draws[:1], rng.normal(0.0, 1.0, (1, 6, 30, 2))]))
-    assert first.deviation == pytest.approx(second.deviation)
-    assert first.deviation > 0.7 * apart.predictions(1)[0].deviation
-
-
 def test_samples_reach_blocks_that_they_leave_dark() -> None:
     """M images of which one block has none: a share 1 / (M + 1) of the mean of all blocks."""
     images = np.zeros((3, 4, 2))
