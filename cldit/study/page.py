@@ -19,7 +19,7 @@ from cldit.io.plain_data import read_json
 from cldit.scene import Scene, dump_scene
 from cldit.show import page as show
 from cldit.show.figures.style import write_figure
-from cldit.show.page import Block, Code, Figure, Link, Section, Table
+from cldit.show.page import Block, Bullets, Code, Figure, Link, Section, Table
 
 Row = Mapping[str, float | str]
 
@@ -109,9 +109,10 @@ def summary(verdicts: tuple[Verdict, ...]) -> str:
 class StudyPage:
     """Results of a study.
 
-    about: its subject, one sentence. command: makes the page. text: one paragraph. figures: by
-    file name without suffix. table: rows of equal keys, with units in their names; row_errors:
-    standard errors of their numbers. seeds: of the sprays whose mean the numbers are.
+    about: its subject, one sentence. command: makes the page. text: one paragraph. findings:
+    sentences. figures: by file name without suffix. table: rows of equal keys, with units in their
+    names; row_errors: standard errors of their numbers; more: further tables by title. seeds: of
+    the sprays whose mean the numbers are.
     """
 
     name: str
@@ -120,9 +121,11 @@ class StudyPage:
     figure: str = ""
     command: str = ""
     text: str = ""
+    findings: Sequence[str] = ()
     figures: Mapping[str, Figure]
     table: Sequence[Row]
     row_errors: Sequence[Mapping[str, float]] = ()
+    more: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     quick: bool = False
@@ -145,8 +148,10 @@ class StudyPage:
         content: list[Block] = [
             self.about,
             Section("", [*self.figures.values(), self.text]),
+            Section("Findings", [Bullets(self.findings)] if self.findings else []),
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
             Section("Numbers", [_table(self.table, self.row_errors)]),
+            *(Section(title, [_table(rows)]) for title, rows in self.more.items()),
             Section("To repeat it", [note, *scenes]),
         ]
         return show.Page(self.title, content)
@@ -178,10 +183,13 @@ class StudyPage:
             *figures,
             self.text,
         ]
+        if self.findings:
+            content.append(Bullets(self.findings))
         if self.verdicts:
             content += [self.summary, self._verdicts()]
         if tables:
             content.append(Section("", [_table(self.table, self.row_errors)]))
+            content += [Section(title, [_table(rows)]) for title, rows in self.more.items()]
         return show.Page(self.title, content)
 
     def _verdicts(self) -> Table:
@@ -202,6 +210,7 @@ class StudyPage:
             "seconds": round(self.seconds, 1),
             "summary": self.summary,
             "text": self.text,
+            "findings": list(self.findings),
             "verdicts": [
                 {
                     "claim": verdict.claim,
@@ -220,6 +229,8 @@ class StudyPage:
             "seeds": list(self.seeds),
             "device": self.device,
         }
+        if self.more:
+            data["more"] = {title: _plain_rows(rows) for title, rows in self.more.items()}
         return json.dumps(data, indent=1)
 
     def csv(self) -> str:

@@ -150,7 +150,8 @@ def _campaigns(
     )
 
     def fields(number: int, size: float) -> Floats:
-        return size * np.einsum("ab,nbi->nai", root, rng.standard_normal((number, len(blocks), 2)))
+        noise = rng.standard_normal((number, len(blocks), 2))
+        return np.asarray(size * np.einsum("ab,nbi->nai", root, noise))
 
     linear, square = fields(1, 1.0), fields(1, 0.3)
     bump = np.exp(-0.5 * ((blocks[:, None] - (15.0, 25.0)) / 6.0) ** 2)
@@ -395,6 +396,7 @@ def test_a_plan_names_the_filter_of_its_band(
         separate("gdi", "gdi", tmp_path, bands=[load_scene("gdi").with_(name="my gdi")])
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fuel 30 K colder is distinguished, the same scene never; the exit status reports it."""
     monkeypatch.chdir(tmp_path)

@@ -134,7 +134,7 @@ def test_samples_of_a_gaussian_blur_as_its_mtf(tmp_path: Path) -> None:
     sharp[30:90, 70:] = sharp[120, 40] = 1.0
     expected = PointSpread.of(scene(diffraction=False, spread_m=1e-4)).image(sharp)
     for name in ("spread.csv", "spread.tif"):
-        lens = {"point_spread": str(tmp_path / name), "point_spread_pixel_m": 1e-5}
+        lens: dict[str, Any] = {"point_spread": str(tmp_path / name), "point_spread_pixel_m": 1e-5}
         got = PointSpread.of(scene(diffraction=False, **lens)).image(sharp)
         np.testing.assert_allclose(got, expected, atol=1e-3)
         assert got.sum() == pytest.approx(sharp.sum(), rel=1e-6)
@@ -149,7 +149,7 @@ def test_samples_are_seen_as_in_the_image() -> None:
     samples = np.zeros((5, 7))
     samples[1, 5] = 3.0
     step_m = PITCH_M * magnification()
-    lens = {"point_spread": samples.tolist(), "point_spread_pixel_m": step_m}
+    lens: dict[str, Any] = {"point_spread": samples.tolist(), "point_spread_pixel_m": step_m}
     sharp = np.zeros((PIXELS, PIXELS), np.float32)
     sharp[60, 50] = 1.0
     got = PointSpread.of(scene(diffraction=False, **lens)).image(sharp).astype(float)
