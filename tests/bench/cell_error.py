@@ -1,4 +1,4 @@
-"""Error of the cells.
+"""Error of the cells of an octree, against finer cells.
 
     python -m tests.bench cell_error gdi-cone --halvings 7
     python -m tests.bench cell_error droplets-only --halvings 6 --pixels 64

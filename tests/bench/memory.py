@@ -142,7 +142,7 @@ def _measure(arguments: list[str]) -> Peak:
 
 
 def main() -> None:
-    """Writes the page."""
+    """Peak memory of runs and of their parts, as a page."""
     write_measured(lambda given: memory(given.scene, given.device, say=given.say), folder=UNLISTED)
 
 

@@ -61,4 +61,4 @@ def test_costs_of_a_command_add_up(tmp_path: Path) -> None:
     parts = sum(float(found[name]) for name in ("imports", "compilation", "kernels", "host"))
     assert parts == pytest.approx(float(found["all"]), abs=0.03)  # each is rounded
     assert int(found["launches"]) > 0
-    assert float(found["imports"]) > float(found["kernels"]) > 0
+    assert float(found["imports"]) > float(found["kernels"])  # of some ms
