@@ -60,3 +60,13 @@ if __name__ == "__main__":
     with open_device(os.environ.get("CLDIT_TEST_DEVICE")) as opened:
         arrays: dict[str, Any] = {**weights(opened), "platform": opened.info.platform}
         np.savez(Path(sys.argv[1]), **arrays)
+
+
+# A field of 160 mm around the nozzle's axis, for figures of a spray in pixels of a known size. The
+# shipped scenes have fields that their spray fills.
+WHOLE: dict[str, Any] = {"field_m": [0.16, 0.16], "target_m": None}
+
+
+def of_whole_field(name: str) -> cldit.Scene:
+    """A shipped scene with the field `WHOLE`."""
+    return cldit.load_scene(name).with_(**{f"camera.{key}": value for key, value in WHOLE.items()})

@@ -18,9 +18,9 @@ import pytest
 import cldit
 from cldit.gpu.device import Device
 from cldit.run import Run
+from tests.small_scenes import WHOLE
 
 KEPT = Path(__file__).parent / "figures.json"
-FIELD = {"field_m": [0.16, 0.16], "target_m": None}  # whole, whatever the shipped scenes show
 SCENES: dict[str, dict[str, Any]] = {
     "gdi-cone": {"pixels": [50, 50]},
     "gdi-cone, Mie": {"pixels": [50, 50]},
@@ -53,7 +53,7 @@ def test_figures_of_shipped_scenes(name: str, device: Device, tables: Path) -> N
     that see thick cells leave 1e-3 of a weight; four of these. A count may differ by one pixel."""
     shipped, _, phase = name.partition(", ")
     data = cldit.load_scene(shipped).model_dump(mode="json")
-    data["camera"].update(FIELD, **SCENES[name])
+    data["camera"].update(WHOLE, **SCENES[name])
     data["transport"].update(accuracy_K=1.0, audit=False, phase=phase.lower() or "isotropic")
     found = figures(cldit.simulate(cldit.Scene.from_dict(data), device=device, cache=tables))
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}

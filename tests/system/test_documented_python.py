@@ -121,7 +121,7 @@ def gdi(here: Path) -> None:
 @pytest.mark.usefixtures("gdi")
 def test_readme(here: Path) -> None:
     names = run("README.md")
-    assert names["run"].weights.background.shape == (128, 128)
+    assert names["run"].weights.background.shape == (102, 128)
     assert (here / "runs" / "traced" / "scene.yaml").is_file()
 
 

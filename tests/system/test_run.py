@@ -15,6 +15,7 @@ from click.testing import CliRunner, Result
 import cldit
 from cldit.cli import main
 from cldit.errors import EvaluationError, RunFolderError
+from tests.small_scenes import WHOLE
 
 SMALL: dict[str, Any] = {
     "camera": {
@@ -211,6 +212,7 @@ def test_damaged_run_folders(finished: Path, tmp_path: Path) -> None:
 def test_methane_runs_no_scattering_code() -> None:
     """`methane-jet` at low resolution: nothing about scattering was compiled or run."""
     data = cldit.load_scene("methane-jet").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["camera"]["pixels"] = [60, 60]
     data["domain"]["leaf_edge_m"] = 4e-3
     run = cldit.simulate(cldit.Scene.from_dict(data))
@@ -224,6 +226,7 @@ def test_methane_runs_no_scattering_code() -> None:
 def test_one_background_can_be_traced_but_not_evaluated(tmp_path: Path) -> None:
     """Weights are there; the maps are empty and say why; the experiment is refused at once."""
     data = cldit.load_scene("droplets-only").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["camera"]["pixels"] = [20, 20]
     data["domain"]["leaf_edge_m"] = 5e-3
     data["transport"] |= {"audit": False, "order": 0}

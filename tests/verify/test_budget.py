@@ -15,6 +15,7 @@ from cldit.bench.budget_scenes import budget_scene
 from cldit.bench.case import changed
 from cldit.gpu.device import Device
 from cldit.run import Run
+from tests.small_scenes import WHOLE
 
 EVEN = {
     "droplet_absorption_per_m": 20.0,
@@ -97,6 +98,7 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
     noises, 2 x 0.3 x 0.15 K^2 over the root of some 50 places that err independently.
     """
     data: dict[str, Any] = cldit.load_scene("droplets-only").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["camera"]["pixels"] = [60, 60]
     data["spray"]["spacing_m"] = 1e-3
     squares = []
@@ -120,6 +122,7 @@ def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
     """
     data: dict[str, Any] = cldit.load_scene("gdi-cone").model_dump(mode="json")
     data["camera"].update(pixels=[50, 50], rays_per_pixel=1)
+    data["camera"].update(WHOLE)
     data["optics"]["compare_paper"] = False
     data["transport"]["accuracy_K"] = 0.5
     run = cldit.simulate(cldit.Scene.from_dict(data))
@@ -144,6 +147,7 @@ def test_errors_are_kept(tmp_path: Path) -> None:
     """In run.json, without NaN, and as maps; the grid of the jet's gas has an error that is known.
     The fixed cells are so coarse that they show no order of convergence: "at least"."""
     data: dict[str, Any] = cldit.load_scene("methane-jet").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["camera"]["pixels"] = [32, 32]
     data["domain"]["leaf_edge_m"] = 8e-3
     data["spray"]["time_s"], data["spray"]["box"]["spacing_m"] = 0.3e-3, 1.8e-3

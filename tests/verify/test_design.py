@@ -43,6 +43,7 @@ from cldit.scene import Scene, dump_scene, load_scene, parse_scene
 from cldit.show.figures.curves import design_figure
 from cldit.show.figures.style import png_of
 from tests.conftest import tiny_weights
+from tests.small_scenes import WHOLE
 
 SPRAY_K = 370.0  # of tiny_weights
 
@@ -235,6 +236,7 @@ def test_picture() -> None:
 def test_the_command_writes_what_the_rig_takes(tmp_path: Path) -> None:
     """`cldit plan` of a small scene: plan.yaml and rig.yaml open, design.png is there."""
     data = load_scene("droplets-only").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["camera"]["pixels"] = [40, 40]
     data["camera"]["sensor"] |= {"pixels": [40, 40], "bad_pixels": 0}
     data["domain"]["leaf_edge_m"] = 4e-3

@@ -45,6 +45,7 @@ from tests.bench.scattering.models import RIGHT, wrong_models
 from tests.bench.scattering.page import scattering_page
 from tests.bench.scattering.run import scattering_study
 from tests.bench.scattering.truth import solid_angles, with_plates
+from tests.small_scenes import WHOLE
 
 FILTER = (3.3, 3.5)
 CURVE = Curve(filter_um=FILTER)
@@ -246,6 +247,7 @@ def _with_patch(scene: Scene, **patch: object) -> Scene:
 
 def _small(name: str = "droplets-only", *, accuracy_K: float = 1.0) -> Scene:
     data = load_scene(name).model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["transport"]["accuracy_K"] = accuracy_K
     data["camera"]["pixels"] = [40, 40]
     data["camera"]["sensor"] |= {"pixels": [40, 40], "bad_pixels": 0}

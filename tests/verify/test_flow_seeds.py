@@ -15,6 +15,7 @@ from cldit.medium.cloud import SAMPLING, Kernel, variants
 from cldit.scene import Scene
 from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.result import Spray
+from tests.small_scenes import WHOLE
 
 pytestmark = pytest.mark.long
 
@@ -28,6 +29,7 @@ def test_seeds_of_gdi_flow_differ_by_4_kelvin_at_most(device: Device, tmp_path: 
     difference of its halves, which share one gas; it must be within a factor of two of the truth.
     """
     data = cldit.load_scene("gdi-flow").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["camera"]["pixels"] = [150, 150]
     data["domain"]["leaf_edge_m"] = 0.5e-3
     data["transport"] |= {"accuracy_K": 0.3, "audit": False}

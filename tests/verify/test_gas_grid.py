@@ -13,6 +13,7 @@ from cldit.accuracy.sources.gas_grid import ORDER
 from cldit.gpu.device import open_device
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import Scene
+from tests.small_scenes import WHOLE
 
 pytestmark = pytest.mark.long
 
@@ -23,6 +24,7 @@ H = 1e-3
 def plume(seed: int, spacing_m: float, *, audit: bool) -> Scene:
     """One plume of gdi-flow, straight down, at 0.4 ms."""
     data: dict[str, Any] = cldit.load_scene("gdi-flow").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["spray"] |= {
         "plumes": [{"inclination_deg": 0.0, "azimuth_deg": 0.0}],
         "injected_mass_kg": 1.25e-6,

@@ -229,6 +229,7 @@ def test_stated_effect_of_a_lens(device: Device, tables: Path) -> None:
         **{
             "camera.pixels": [100, 100],
             "camera.field_m": [0.12, 0.12],
+            "camera.target_m": None,
             "camera.sensor.f_number": 1.5,
             "transport.accuracy_K": 3.0,
             "transport.order": 0,

@@ -23,13 +23,13 @@ from cldit.gpu.device import Device, open_device, split
 from cldit.medium.frame import Frame
 from cldit.medium.octree import build_octree
 from cldit.run import Run
-from cldit.scene import load_scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.image import Rays
 from cldit.transport.trace import trace
 from cldit.transport.view import View
 from tests.bench.case import Case
 from tests.bench.pixel_sampling import measured, scene_of
+from tests.small_scenes import of_whole_field
 
 EDGE = 0.2
 PIXELS = 40
@@ -312,7 +312,7 @@ def test_stated_error_of_the_pixels(
 def test_stated_error_of_a_thin_jet(device: Device, tables: Path, pixels: int) -> None:
     """A jet of vapour from one pixel to many wide: by blocks of pixels and an order from two of
     them, 0.33 of the truth were stated at 50 pixels, and 4.1 of it at 200."""
-    scene = scene_of(load_scene("methane-jet").model_dump(mode="json"), leaf_m=1e-3, order=None)
+    scene = scene_of(of_whole_field("methane-jet").model_dump(mode="json"), leaf_m=1e-3, order=None)
     found = measured(Case.of(scene, device, cache=tables), pixels=pixels, rays=1)
     assert 0.75 < found.stated_K / found.true_K < 1.4
 
@@ -325,7 +325,7 @@ def test_some_pixels_are_those_of_the_picture(
     device: Device, tables: Path, name: str, order: int | None, rays: int
 ) -> None:
     """By the very same rays, in any order of the pixels."""
-    scene = scene_of(load_scene(name).model_dump(mode="json"), leaf_m=2e-3, order=order)
+    scene = scene_of(of_whole_field(name).model_dump(mode="json"), leaf_m=2e-3, order=order)
     scene = changed(scene, camera={"pixels": [40, 30], "rays_per_pixel": rays})
     case = Case.of(scene, device, cache=tables)
     settings = case.settings(gather=False)

@@ -13,6 +13,7 @@ from cldit.errors import NotConvergedError
 from cldit.gpu.device import Device
 from cldit.transport.trace import trace
 from tests.bench.case import Case
+from tests.small_scenes import WHOLE
 
 
 @pytest.mark.slow
@@ -22,7 +23,7 @@ def test_a_tolerance_below_rounding_is_reached_in_double(device: Device, tables:
         pytest.skip("the device has no double precision")
     scene = changed(
         cldit.load_scene("droplets-only"),
-        camera={"pixels": [20, 20]},
+        camera={"pixels": [20, 20], **WHOLE},
         domain={"leaf_edge_m": 4e-3},
         transport={"phase": "isotropic"},
     )

@@ -29,6 +29,7 @@ from cldit.radiance.weights import Weights
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 from cldit.transport.trace import trace_each
+from tests.small_scenes import WHOLE
 
 EDGE = 0.1
 MOLE = 6.02214076e23
@@ -224,6 +225,7 @@ def test_the_methane_jet_stays_translucent(device: Device, tables: Path) -> None
     Beer-Lambert on the mean absorption, or the paper's one cross section, make its core opaque.
     """
     data = cldit.load_scene("methane-jet").model_dump(mode="json")
+    data["camera"].update(WHOLE)
     data["optics"]["compare_paper"] = False
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 2e-3

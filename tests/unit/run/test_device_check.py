@@ -183,12 +183,13 @@ def test_a_fault_is_named(name: str, device: Device, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 def test_inexact_mathematics_are_named(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lines of sight along an axis never reach the faces of others: their distance is infinite."""
+    """Terms of a difference that cancel, in another order: found at the tolerance of the double
+    precision, which neither contracted nor unoptimised kernels miss."""
     options = (*compilation.OPTIONS, "-cl-fast-relaxed-math")
     monkeypatch.setattr(compilation, "OPTIONS", options)
     monkeypatch.setattr(device.opened, "programs", {})
-    [fault] = check_device(device, only=["float64 source, parallel rays"]).faults
-    assert re.search(r"(gather|image)\.cl \w+: \w+ is off by [\d.e+-]+; allowed", fault)
+    [fault] = check_device(device, only=["float64 source, order 2"]).faults
+    assert re.search(r"source_update\.cl \w+: \w+ is off by [\d.e+-]+; allowed", fault)
 
 
 def cut(source: str, rounds: int) -> str:
