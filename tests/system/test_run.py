@@ -117,7 +117,7 @@ def test_report_is_self_contained(finished: Path) -> None:
     html = (finished / "report.html").read_text()
     assert "http://" not in html and "https://" not in html
     assert html.count("data:image/png;base64") >= 5
-    for word in ("scattering", "octree", "pixels", "n-heptane"):
+    for word in ("scattering", "octree", "pixels", "rig.yaml"):
         assert word in html
 
 
