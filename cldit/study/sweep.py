@@ -27,6 +27,7 @@ from cldit.gpu.checks import failed_devices
 from cldit.gpu.device import Device, list_devices
 from cldit.io.content import digest
 from cldit.io.exclusive import exclusive
+from cldit.io.terminal import warn
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
@@ -103,7 +104,7 @@ def run_sweep(
         The record; its `to_xarray()` opens all scenes as one data set, NaN where a scene failed.
 
     Raises:
-        StudyError: the grid is not allowed, the folder has another sweep, or no worker comes.
+        StudyError: the grid is not allowed, the folder has another sweep, or no scheduler answers.
         SceneError: a value of the grid is not allowed.
     """
     scene = chosen_scene(scene)
@@ -279,6 +280,8 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
                     "one with `dask scheduler`, and workers with `dask worker ADDRESS`"
                 ) from error
             with client:
+                if not client.scheduler_info()["workers"]:
+                    warn(f"--scheduler {scheduler}: it has no worker yet; the sweep waits for one")
                 yield client
             return
         count, threads = local_workers(groups)

@@ -25,7 +25,7 @@ from cldit.scene import Scene, parse_scene
 from cldit.study.dataset import open_folder
 from cldit.study.grid import Grid
 from cldit.study.side_by_side import trace_members, trace_scenes
-from cldit.study.sweep import Progress, run_sweep
+from cldit.study.sweep import Progress, client_of, run_sweep
 from tests.extras import needs
 
 pytestmark = needs("distributed", "zarr", extra="studies")
@@ -224,6 +224,8 @@ echo "Submitted batch job $!"
 def test_slurm_as_documented(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's script, with an `sbatch` that runs the job on this machine."""
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is missing")
+    if " " in sys.executable:
+        pytest.skip("dask-jobqueue does not quote the path of Python, which has a space here")
     page = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
     (script,) = re.findall(r"```python\n(from dask_jobqueue.*?)```", page, re.DOTALL)
     for name, text in (("sbatch", SBATCH), ("scancel", '#!/bin/sh\nkill "$1"\n')):
@@ -241,6 +243,16 @@ def test_slurm_as_documented(scene: Scene, tmp_path: Path, monkeypatch: pytest.M
         address = started.scheduler_address
         record = run_sweep(scene, grid, tmp_path / "sweep", scheduler=address, cache=tmp_path)
     assert record.scenes == 2 and not record.failed
+
+
+def test_a_sweep_says_that_it_waits_for_workers(capsys: pytest.CaptureFixture[str]) -> None:
+    distributed = pytest.importorskip("distributed", reason="distributed is missing")
+    quiet = {"dashboard": False, "dashboard_address": "localhost:0"}
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, scheduler_kwargs=quiet) as cluster,
+        client_of(cluster.scheduler_address, 1, None),
+    ):
+        assert "it has no worker yet" in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_workers_of_a_machine_have_ranks(tmp_path: Path) -> None:
