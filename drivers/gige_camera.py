@@ -211,8 +211,8 @@ class GenicamCamera(Linked):
         client = self._connected().client
         if self._trigger is None:
             raise ConfigRejected("camera: prepare() before arm()")
-        # A new stream for each start, because block ids then count from 1, which a client would
-        # take for late packets of the last image on the old stream.
+        # Block ids count from 1 after each start. On the old stream the client would ignore them as
+        # late packets of the last image, so each start has a new stream.
         client.open_stream()
         self._streams = True
         self._base, self._first_block = self._last_id, None

@@ -1,4 +1,4 @@
-"""Weights of three small scenes, one for each method, on the device that CLDIT_TEST_DEVICE names.
+"""Small scenes, the field of former figures, and weights on the device of CLDIT_TEST_DEVICE.
 
 `python -m tests.small_scenes OUT.npz` stores them, for tests that compare OpenCL drivers.
 """
@@ -65,8 +65,9 @@ if __name__ == "__main__":
 # A field of 160 mm around the nozzle's axis, for figures of a spray in pixels of a known size. The
 # shipped scenes have fields that their spray fills.
 WHOLE: dict[str, Any] = {"field_m": [0.16, 0.16], "target_m": None}
+WHOLE_KEYS = {f"camera.{key}": value for key, value in WHOLE.items()}  # for `Scene.with_`
 
 
 def of_whole_field(name: str) -> cldit.Scene:
     """A shipped scene with the field `WHOLE`."""
-    return cldit.load_scene(name).with_(**{f"camera.{key}": value for key, value in WHOLE.items()})
+    return cldit.load_scene(name).with_(**WHOLE_KEYS)

@@ -11,13 +11,14 @@ from click.testing import CliRunner
 
 import cldit
 from cldit.cli import main
+from tests.small_scenes import WHOLE
 
 
 @pytest.mark.slow
 def test_spectral_run_says_how_far_it_is_from_the_paper(tmp_path: Path) -> None:
     """`gdi` small: several wavelengths, a figure in K against the paper's, and other maps."""
     data = cldit.load_scene("gdi-cone").model_dump(mode="json")
-    data["camera"].update(pixels=[40, 40], field_m=[0.16, 0.16], target_m=None)
+    data["camera"].update(WHOLE, pixels=[40, 40])
     data["domain"]["leaf_edge_m"] = 4e-3
     data["optics"]["wavelengths"] = 3
     scene = tmp_path / "small.yaml"

@@ -20,8 +20,7 @@ from tests.small_scenes import WHOLE
 SMALL: dict[str, Any] = {
     "camera": {
         "pixels": [80, 80],
-        "field_m": [0.16, 0.16],
-        "target_m": None,
+        **WHOLE,
         "sensor": {"pixels": [64, 48], "bad_pixels": 3},
     },
     "domain": {"leaf_edge_m": 2e-3},

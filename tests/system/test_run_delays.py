@@ -13,9 +13,10 @@ from click.testing import CliRunner
 import cldit
 from cldit.cli import main
 from cldit.dit.maps import Maps
+from tests.small_scenes import WHOLE
 
 SMALL: dict[str, Any] = {
-    "camera": {"pixels": [32, 32], "field_m": [0.16, 0.16], "target_m": None},
+    "camera": {"pixels": [32, 32], **WHOLE},
     "spray": {"spacing_m": 2e-3},
     "background": {"temperatures_K": [440.0, 480.0]},
     "domain": {"leaf_edge_m": 4e-3},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,13 +20,13 @@ from cldit.run import open_run, reevaluated, simulate
 from cldit.scene import Scene, load_scene
 from cldit.show.view import Item, page_html
 from cldit.show.view.traced import traced_item
+from tests.small_scenes import WHOLE_KEYS
 from tests.viewed import Viewer, chromium, made_run, scene_for
 
 pytestmark = pytest.mark.slow
-SMALL = {
+SMALL: dict[str, Any] = {
     "camera.pixels": [80, 80],
-    "camera.field_m": [0.16, 0.16],
-    "camera.target_m": None,
+    **WHOLE_KEYS,
     "transport.accuracy_K": 8.0,
     "plan.shots": 2,
 }

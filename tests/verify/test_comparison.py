@@ -12,11 +12,10 @@ from cldit.comparison import difference, open_shown
 from cldit.gpu.device import Device
 from cldit.run import Run, simulate
 from cldit.scene import load_scene
-from tests.small_scenes import WHOLE
+from tests.small_scenes import WHOLE_KEYS
 from tests.verify.recordings import recording
 
-FIELD = {f"camera.{key}": value for key, value in WHOLE.items()}
-SENSOR = {"camera.sensor.pixels": [160, 128], "camera.pixels": [128, 128], **FIELD}
+SENSOR = {"camera.sensor.pixels": [160, 128], "camera.pixels": [128, 128], **WHOLE_KEYS}
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,7 @@ def gdi(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Run:
 @pytest.fixture(scope="module")
 def fine(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The same at 2 K; the cells' error of 2.6 K at 4 K explains 10 K in the fuel."""
-    pixels = {"camera.sensor.pixels": [100, 100], "camera.pixels": [100, 100], **FIELD}
+    pixels = {"camera.sensor.pixels": [100, 100], "camera.pixels": [100, 100], **WHOLE_KEYS}
     scene = load_scene("gdi-cone").with_(**pixels, **{"transport.accuracy_K": 2.0})
     return simulate(scene, tmp_path_factory.mktemp("fine"), device=device)
 

@@ -19,6 +19,7 @@ from cldit.medium.octree import PointSource, Sources
 from cldit.scene import Scene, load_scene
 from cldit.transport.trace import TraceSettings, settings_for
 from cldit.transport.trace_cost import TraceCost
+from tests.small_scenes import WHOLE_KEYS
 
 GB = 1e9
 
@@ -38,7 +39,7 @@ def remark(
     keys: Mapping[str, Any] | None = None,
     predicted_K: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
-    camera = {"camera.pixels": [100, 100], "camera.field_m": [0.16, 0.16], "camera.target_m": None}
+    camera = {"camera.pixels": [100, 100], **WHOLE_KEYS}
     gdi: Scene = load_scene("gdi-cone").with_(**{**camera, **(keys or {})})
     settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)

@@ -1,5 +1,4 @@
-"""How droplets are spread is kept in files, and shown where a picture needs points; files that are
-no sprays."""
+"""Files keep the extent of droplets, and figures draw it as points; other files are refused."""
 
 from __future__ import annotations
 
