@@ -4,11 +4,13 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.errors import TransportError
 from cldit.gpu.buffers import download, zeros
-from cldit.gpu.device import shares
-from cldit.gpu.program import build
+from cldit.gpu.device import Device, shares
+from cldit.gpu.program import Program, build
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.result import Trace, TraceInput, weights_of
 from cldit.transport.view import upload_medium
@@ -22,7 +24,7 @@ def trace_branching(trace_input: TraceInput, report: Callable[[str], None] | Non
     All of the device's partitions share the rows of the image. Raises TransportError if the order
     is above 3 or not given, or if the phase function is not isotropic.
     """
-    cells, view, settings = trace_input.cells, trace_input.view, trace_input.settings
+    cells, settings = trace_input.cells, trace_input.settings
     if settings.order is None or settings.order > HIGHEST_ORDER:
         order = "all" if settings.order is None else settings.order
         raise TransportError(
@@ -35,39 +37,11 @@ def trace_branching(trace_input: TraceInput, report: Callable[[str], None] | Non
             "isotropic"
         )
     trace_input.check_boundary()
-    real = settings.real
     defines = {**trace_input.defines, "HIGHEST_ORDER": HIGHEST_ORDER}
-    divided = shares(trace_input.device, view.pixels[1])
+    divided = shares(trace_input.device, trace_input.view.pixels[1])
     programs = [build(member, "branching.cl", defines) for member, _ in divided]
     start = time.perf_counter()
-    columns, rows = view.pixels
-    components = len(cells.needs.components) + 1
-    outs = []
-    for program, (member, portion) in zip(programs, divided, strict=True):
-        out = zeros(member, "image", components * rows * columns, real)
-        rays = zeros(member, "rays", rows * columns, np.uint32)
-        if portion:
-            program.launch(
-                "branching",
-                *view.tiles(program, "branching", len(portion)),
-                {
-                    "weights": out,
-                    "started": rays,
-                    "key": np.array([settings.seed, 1], np.uint32),
-                    **upload_medium(member, cells, view, real, linear=settings.linear_coefficients),
-                    "cutoff": trace_input.cutoff,
-                    "order": settings.order,
-                },
-                offset=(0, portion.start),
-            )
-            member.queue.flush()  # the next device starts while this one works
-        outs.append((out, rays))
-    image = np.empty((components, rows, columns), real)
-    started = np.empty((rows, columns), np.uint32)
-    for (member, portion), (out, rays) in zip(divided, outs, strict=True):
-        part_rows = slice(portion.start, portion.stop)  # tiles reach into the next device's rows
-        image[:, part_rows] = download(member, out, np.empty_like(image))[:, part_rows]
-        started[part_rows] = download(member, rays, np.empty_like(started))[part_rows]
+    image, started = _image(trace_input, programs, divided, settings.order)
     count = int(started.sum(dtype=np.int64))
     if report is not None:
         report(f"{count} rays started by scattering")
@@ -89,5 +63,47 @@ def trace_branching(trace_input: TraceInput, report: Callable[[str], None] | Non
             "scattering": time.perf_counter() - start,
         },
         counts={"scattering_cells": len(cells.address), "scattered_rays": count},
-        precision=real.__name__,
+        precision=settings.real.__name__,
     )
+
+
+def _image(
+    trace_input: TraceInput,
+    programs: list[Program],
+    divided: list[tuple[Device, range]],
+    order: int,
+) -> tuple[Reals, NDArray[np.uint32]]:
+    """Weights (C + 1, H, W), and the number (H, W) of rays that scattering started.
+
+    Each device of `divided` traces its rows.
+    """
+    cells, view, settings = trace_input.cells, trace_input.view, trace_input.settings
+    columns, rows = view.pixels
+    components, real = len(cells.needs.components) + 1, settings.real
+    outs = []
+    for program, (member, portion) in zip(programs, divided, strict=True):
+        out = zeros(member, "image", components * rows * columns, real)
+        rays = zeros(member, "rays", rows * columns, np.uint32)
+        if portion:
+            program.launch(
+                "branching",
+                *view.tiles(program, "branching", len(portion)),
+                {
+                    "weights": out,
+                    "started": rays,
+                    "key": np.array([settings.seed, 1], np.uint32),
+                    **upload_medium(member, cells, view, real, linear=settings.linear_coefficients),
+                    "cutoff": trace_input.cutoff,
+                    "order": order,
+                },
+                offset=(0, portion.start),
+            )
+            member.queue.flush()  # the next device starts while this one works
+        outs.append((out, rays))
+    image = np.empty((components, rows, columns), real)
+    started = np.empty((rows, columns), np.uint32)
+    for (member, portion), (out, rays) in zip(divided, outs, strict=True):
+        part_rows = slice(portion.start, portion.stop)  # tiles reach into the next device's rows
+        image[:, part_rows] = download(member, out, np.empty_like(image))[:, part_rows]
+        started[part_rows] = download(member, rays, np.empty_like(started))[part_rows]
+    return image, started

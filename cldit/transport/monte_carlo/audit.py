@@ -15,11 +15,13 @@ e^2 and s^2 grow with the 2.5th to 3rd power of the light scattered to the camer
 emissivity. No traced value influences the sample, so there is no bias.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.path import trace_path
@@ -61,33 +63,15 @@ def audited(trace_input: TraceInput, result: Trace, sample: PixelSample | None =
         return PixelSample.of(share, size=drawn_count, seed=settings.seed)
 
     drawn = min(drawn_count, max(int(np.count_nonzero(visible)), 1))
-    samples = int(
-        np.clip(
-            tuning.audit_scatterings / (often * drawn),
-            tuning.audit_samples_least,
-            tuning.audit_samples_most,
-        )
+    affordable_samples = tuning.audit_scatterings / (often * drawn)
+    least_samples, most_samples = tuning.audit_samples_least, tuning.audit_samples_most
+    samples = int(np.clip(affordable_samples, least_samples, most_samples))
+    enough = _enough(
+        _planes(weights, cells),
+        trace_input.temperature,
+        count=max(int(np.count_nonzero(visible)), 1),
+        allowed_K2=(tuning.audit_share * settings.accuracy_K) ** 2,
     )
-    image_planes, temperature = _planes(weights, cells), trace_input.temperature
-
-    def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
-        """True if the audit is precise enough, or more paths would not improve it."""
-
-        def error_K(error: Floats) -> Floats:
-            drawn_planes = image_planes[:, drawn.pixels]
-            return np.nan_to_num(temperature.error_K(drawn_planes, error))
-
-        differences = image_planes[:, drawn.pixels] - means
-        count = max(int(np.count_nonzero(visible)), 1)
-        halves = error_K(differences - spread), error_K(differences + spread)
-        square, doubt = drawn.mean_square(*halves, count=count)
-        allowed = (tuning.audit_share * settings.accuracy_K) ** 2
-        # A square of many times its standard error does not end the trace by chance.
-        if doubt <= max(allowed, square / 4):
-            return True
-        # Without the noise of the paths, the standard error would be at least 0.7 of its value.
-        return drawn.by_noise(*halves) <= _BY_PATHS
-
     sparse = replace(settings, max_samples=samples, whole_pixels=False, seed=settings.seed + 1)
     truth = trace_path(replace(trace_input, settings=sparse), None, draw=draw, enough=enough)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
@@ -107,6 +91,33 @@ def audited(trace_input: TraceInput, result: Trace, sample: PixelSample | None =
         audit=Audit(truth.pixel_sample, (error(1.0), error(-1.0))),
         seconds={**result.seconds, "audit": seconds},
     )
+
+
+def _enough(
+    image: Floats, temperature: TraceTemperature, *, count: int, allowed_K2: float
+) -> Callable[[PixelSample, Floats, Floats], bool]:
+    """Test whether an audit is precise enough, or more paths would not improve it.
+
+    Args:
+        image: (C, P) weights.
+        count: pixels with a T_app.
+        allowed_K2: square of the wanted standard error.
+    """
+
+    def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
+        planes = image[:, drawn.pixels]
+        lower, upper = (
+            np.nan_to_num(temperature.error_K(planes, planes - means + sign * spread))
+            for sign in (-1.0, 1.0)
+        )
+        square, doubt = drawn.mean_square(lower, upper, count=count)
+        # A square of many times its standard error does not end the trace by chance.
+        if doubt <= max(allowed_K2, square / 4):
+            return True
+        # Without the noise of the paths, the standard error would be at least 0.7 of its value.
+        return drawn.by_noise(lower, upper) <= _BY_PATHS
+
+    return enough
 
 
 def scatterings(cells: OpticalCells, order: int | None) -> float:

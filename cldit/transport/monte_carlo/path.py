@@ -6,14 +6,13 @@ scatter of batches is an unbiased estimate of the image's error.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Reals
+from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
@@ -29,14 +28,22 @@ SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate t
 
 @dataclass
 class _BatchSums:
-    """Sums of the means (C, N) of even and of odd batches."""
+    """Sums of the means (C, N) of even and of odd batches, and how many paths were ended."""
 
     halves: tuple[Floats, Floats]
     batches: int = 0
+    ended: int = 0
 
     def add(self, means: Floats) -> None:
-        self.halves[self.batches % 2][:] += means
+        """Adds the means (C + 1, N) of a batch, the last the numbers of ended paths."""
+        self.halves[self.batches % 2][:] += means[:-1]
         self.batches += 1
+        self.ended += int(means[-1].sum())
+
+    @property
+    def samples(self) -> int:
+        """Paths of each pixel."""
+        return self.batches * SAMPLES
 
     @property
     def mean(self) -> Floats:
@@ -46,6 +53,67 @@ class _BatchSums:
     def difference(self) -> Floats:
         """Half the difference of the means of even and of odd batches, equal in number."""
         return (self.halves[0] - self.halves[1]) / self.batches
+
+    def balanced(self, boundaries: int) -> tuple[Floats, Floats]:
+        """Mean and half the difference (C, N), each half divided by its energy balance.
+
+        The sum of all that a path receives at radiance 1 is 1 on average, and most of its noise is
+        that of the single components. So the quotient has the noise of T_app alone: none in a
+        cavity. Its bias is that of a ratio, the relative variance of the sum over half the number
+        of paths.
+        """
+        halves = []
+        for sign in (1.0, -1.0):
+            half = self.mean + sign * self.difference
+            halves.append(half / (half[:boundaries].sum(axis=0) + half[-1]))
+        return (halves[0] + halves[1]) / 2, (halves[0] - halves[1]) / 2
+
+
+def _programs(trace_input: TraceInput) -> tuple[tuple[Program, ...], Reals]:
+    """Programs of the devices, and the tables of the phase function that they sample."""
+    settings, table = trace_input.settings, np.zeros(1, trace_input.settings.real)
+    defines: dict[str, Define] = {
+        **trace_input.defines,
+        "ROULETTE": f"R({settings.tuning.path_roulette})",
+        "SAMPLES": SAMPLES,
+        "SCATTERINGS": settings.tuning.path_scatterings,
+    }
+    if settings.phase is not None:
+        defines["PHASE_BINS"] = settings.phase.bins
+        samples = [scattering.to_sample() for scattering in settings.phase.tables]
+        table = np.concatenate(samples).astype(settings.real)
+        if len(samples) > 1:
+            defines["PHASE_CLASSES"] = len(samples)
+    members = (trace_input.device, *trace_input.device.others)
+    return tuple(build(member, "path.cl", defines) for member in members), table
+
+
+def _media(trace_input: TraceInput) -> list[dict[str, Any]]:
+    """Uploads medium and view to each device; returns arguments of both kernels."""
+    cells, settings, real = trace_input.cells, trace_input.settings, trace_input.settings.real
+    classes, order = class_shares(cells, settings.phase), settings.order
+    ends = {
+        "cutoff": replace(settings, cutoff=None).ending(cells, trace_input.scene),
+        "order": -1 if order is None else order,
+    }
+    linear, view = settings.linear_coefficients, trace_input.view
+    return [
+        {
+            **upload_medium(member, cells, view, real, linear=linear),
+            **({} if classes is None else {"shares": upload(member, "size classes", classes)}),
+            **ends,
+        }
+        for member in (trace_input.device, *trace_input.device.others)
+    ]
+
+
+def _scattered(trace_input: TraceInput, program: Program, medium: dict[str, Any]) -> Floats:
+    """Light (P,) that the line of sight through the middle of each pixel scatters."""
+    view, real = trace_input.view, trace_input.settings.real
+    pixels = view.pixels[0] * view.pixels[1]
+    out = zeros(trace_input.device, "scattered light", pixels, real)
+    program.launch("straight", *view.tiles(program, "straight"), {"scattered": out, **medium})
+    return download(trace_input.device, out, np.empty(pixels, real)).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -61,19 +129,32 @@ class _PathTracer:
     @classmethod
     def of(
         cls,
-        device: Device,
-        program: Program,
+        trace_input: TraceInput,
+        programs: Sequence[Program],
+        media: Sequence[dict[str, Any]],
         *,
-        pixels: NDArray[np.int32],
-        real: type[np.floating],
-        fixed: dict[str, Any],
-        components: int,
-    ) -> "_PathTracer":
-        """Uploads the `pixels`; `fixed` are arguments that all of them share."""
-        size = (components + 1) * len(pixels)
-        even, odd = (zeros(device, "means", size, real) for _ in range(2))
-        listed = {"list": upload(device, "pixels", pixels)}
-        return cls(device, program, len(pixels), (even, odd), {**listed, **fixed})
+        table: Reals,
+        pixels: Ints,
+    ) -> "list[_PathTracer]":
+        """One for each device that has a share of the pixels; `table` is of the phase function."""
+        real, settings = trace_input.settings.real, trace_input.settings
+        size = len(trace_input.cells.needs.components) + 2
+        tracers = []
+        divided = shares(trace_input.device, len(pixels))
+        for program, medium, (device, portion) in zip(programs, media, divided, strict=True):
+            if not portion:
+                continue
+            even, odd = (zeros(device, "means", size * len(portion), real) for _ in range(2))
+            listed = pixels[portion.start : portion.stop].astype(np.int32)
+            arguments = {
+                "list": upload(device, "pixels", listed),
+                "table": upload(device, "phase function", table),
+                "sobol_columns": upload(device, "Sobol", columns()),
+                "whole_pixels": int(settings.whole_pixels),
+                **medium,
+            }
+            tracers.append(cls(device, program, len(portion), (even, odd), arguments))
+        return tracers
 
     def launch(self, seed: int, first: int) -> None:
         """Starts an even batch, `first`, and the next one, and does not wait for them."""
@@ -100,20 +181,6 @@ class _PathTracer:
         return download(self.device, self.halves[half], means)
 
 
-def _balanced(mean: Floats, difference: Floats, boundaries: int) -> tuple[Floats, Floats]:
-    """Mean and half the difference (C, N) of two halves, each divided by its energy balance.
-
-    The sum of all that a path receives at radiance 1 is 1 on average, and most of its noise is that
-    of the single components. So the quotient has the noise of T_app alone: none in a cavity. Its
-    bias is that of a ratio, the relative variance of the sum over half the number of paths.
-    """
-    halves = []
-    for sign in (1.0, -1.0):
-        half = mean + sign * difference
-        halves.append(half / (half[:boundaries].sum(axis=0) + half[-1]))
-    return (halves[0] + halves[1]) / 2, (halves[0] - halves[1]) / 2
-
-
 def trace_path(
     trace_input: TraceInput,
     report: Callable[[str], None] | None,
@@ -128,132 +195,111 @@ def trace_path(
     true, in place of the noise; receives the drawn pixels, their weights (C, N), and half the
     difference of two halves of the samples.
     """
-    cells, view = trace_input.cells, trace_input.view
-    device, settings = trace_input.device, trace_input.settings
     trace_input.check_boundary()
-    real = settings.real
-    defines: dict[str, Define] = {
-        **trace_input.defines,
-        "ROULETTE": f"R({settings.tuning.path_roulette})",
-        "SAMPLES": SAMPLES,
-        "SCATTERINGS": settings.tuning.path_scatterings,
-    }
-    table = np.zeros(1, real)
-    if settings.phase is not None:
-        defines["PHASE_BINS"] = settings.phase.bins
-        tables = settings.phase.tables
-        table = np.concatenate([scattering.to_sample() for scattering in tables]).astype(real)
-        if len(tables) > 1:
-            defines["PHASE_CLASSES"] = len(tables)
-    classes = class_shares(cells, settings.phase)
-    programs = [build(member, "path.cl", defines) for member in (device, *device.others)]
+    programs, table = _programs(trace_input)
+    seconds = {"compile": sum(program.build_s for program in programs)}
     start = time.perf_counter()
-    components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
-    column_count, row_count = view.pixels
-    pixels = column_count * row_count
-
-    cutoff, order = replace(settings, cutoff=None).ending(cells, trace_input.scene), settings.order
-
-    def medium(member: Device) -> dict[str, Any]:
-        shared = {} if classes is None else {"shares": upload(member, "size classes", classes)}
-        arguments_of_medium = upload_medium(
-            member, cells, view, real, linear=settings.linear_coefficients
-        )
-        return {
-            **arguments_of_medium,
-            **shared,
-            "cutoff": cutoff,
-            "order": -1 if order is None else order,
-        }
-
-    device_medium = medium(device)
-    listed, shape = np.arange(pixels), (components, row_count, column_count)
+    media = _media(trace_input)
     pixel_sample = None
     if draw is not None:
-        out = zeros(device, "scattered light", pixels, real)
-        tiles = view.tiles(programs[0], "straight")
-        programs[0].launch("straight", *tiles, {"scattered": out, **device_medium})
-        pixel_sample = draw(download(device, out, np.empty(pixels, real)).astype(np.float64))
-        listed = pixel_sample.pixels
-        shape = (components, 1, len(listed))
-    seconds = {"image": time.perf_counter() - start}
+        pixel_sample = draw(_scattered(trace_input, programs[0], media[0]))
+    seconds["image"] = time.perf_counter() - start
 
     start = time.perf_counter()
-    count = len(listed)
-    tracers = [
-        _PathTracer.of(
-            member,
-            program,
-            pixels=listed[portion.start : portion.stop].astype(np.int32),
-            real=real,
-            fixed={
-                "table": upload(member, "phase function", table),
-                "sobol_columns": upload(member, "Sobol", columns()),
-                "whole_pixels": int(settings.whole_pixels),
-                **(device_medium if member is device else medium(member)),
-            },
-            components=components,
-        )
-        for program, (member, portion) in zip(programs, shares(device, count), strict=True)
-        if portion
-    ]
-    on_background, boundaries = view.on_background(listed), cells.needs.boundaries
-    even, odd = np.zeros((2, components, count))
-    sums, ended = _BatchSums((even, odd)), 0
-    temperature = trace_input.temperature
-    while count:
+    column_count, rows = trace_input.view.pixels
+    pixels = np.arange(column_count * rows) if pixel_sample is None else pixel_sample.pixels
+    boundaries = trace_input.cells.needs.boundaries
+
+    def done(sums: _BatchSums) -> bool:
+        """True if the samples suffice."""
+        if pixel_sample is None or enough is None:
+            return _accurate(trace_input, sums, pixels, report)
+        mean, difference = sums.balanced(boundaries)
+        return enough(pixel_sample, mean[:-1], difference[:-1])
+
+    tracers = _PathTracer.of(trace_input, programs, media, table=table, pixels=pixels)
+    sums = _sampled(trace_input, tracers, len(pixels), done)
+    seconds["scattering"] = time.perf_counter() - start
+    shape = (-1, rows, column_count) if pixel_sample is None else (-1, 1, len(pixels))
+    image, difference, closure = sums.halves[0], sums.halves[1], None
+    if len(pixels):  # else no pixel was drawn
+        closure = _balance(sums, boundaries, shape)
+        image, difference = sums.mean, sums.difference
+        if pixel_sample is not None:
+            image, difference = sums.balanced(boundaries)
+    return Trace(
+        closure=closure,
+        short=_ended(trace_input, sums, len(pixels)),
+        weights=weights_of(image.reshape(shape), trace_input.cells),
+        weights_difference=weights_of(difference.reshape(shape), trace_input.cells),
+        programs=programs,
+        seconds=seconds,
+        counts={
+            "scattering_cells": len(trace_input.cells.address),
+            "pixels": len(pixels),
+            "samples": sums.samples,
+        },
+        precision=trace_input.settings.real.__name__,
+        pixel_sample=pixel_sample,
+    )
+
+
+def _balance(sums: _BatchSums, boundaries: int, shape: tuple[int, ...]) -> EnergyBalance:
+    """Energy balance of the paths' mean, as an image of this shape."""
+    planes = sums.mean.reshape(shape)
+    paths = planes[-1].size * sums.samples
+    return EnergyBalance.of(
+        planes[:boundaries],
+        planes[-1],
+        bound=1e-4,
+        noise=5.0 / paths**0.5,  # 1 for one path; 0.6 was observed
+    )
+
+
+def _sampled(
+    trace_input: TraceInput,
+    tracers: list[_PathTracer],
+    pixels: int,
+    done: Callable[[_BatchSums], bool],
+) -> _BatchSums:
+    """Sums of pairs of batches of paths until they are `done`, or `max_samples` are reached."""
+    settings = trace_input.settings
+    components = len(trace_input.cells.needs.components) + 1  # the last: from within
+    even, odd = np.zeros((2, components, pixels))
+    sums = _BatchSums((even, odd))
+    while tracers:
         for tracer in tracers:
             tracer.launch(settings.seed, sums.batches)
         for half in range(2):
-            means = np.concatenate(
-                [tracer.means(half, components, real) for tracer in tracers], axis=1
-            ).astype(np.float64)
-            sums.add(means[:-1])
-            ended += int(means[-1].sum())
-        if pixel_sample is not None and enough is not None:
-            balanced_mean, difference_of_halves = _balanced(sums.mean, sums.difference, boundaries)
-            done = enough(pixel_sample, balanced_mean[:-1], difference_of_halves[:-1])
-        else:
-            error_K = temperature.error_K(sums.mean[:-1], sums.difference[:-1])
-            error_K = error_K[np.isfinite(error_K) & on_background]
-            error = float(np.sqrt(np.sum(error_K**2) / max(len(error_K), 1)))
-            done = error <= settings.accuracy_K and sums.batches >= settings.tuning.batches
-            if report is not None:
-                report(f"{sums.batches * SAMPLES} samples per pixel: error {error:.2g} K")
-        if done or sums.batches * SAMPLES >= settings.max_samples:
+            parts = [tracer.means(half, components, settings.real) for tracer in tracers]
+            sums.add(np.concatenate(parts, axis=1).astype(np.float64))
+        if done(sums) or sums.samples >= settings.max_samples:
             break
-    seconds["scattering"] = time.perf_counter() - start
-    image, difference, closure = np.zeros((components, count)), np.zeros((components, count)), None
-    paths, short = count * sums.batches * SAMPLES, ""
-    if ended:
-        limit = settings.tuning.path_scatterings
-        short = (
-            f"path tracing: {ended} of {paths} paths ended after {limit} scatterings, as if they "
-            "saw the wall; allowed: a medium that absorbs more, or transport.method: source"
-        )
-    if count:  # else no pixel was drawn
-        image, difference = sums.mean, sums.difference
-        planes = image.reshape(shape)
-        closure = EnergyBalance.of(
-            planes[:boundaries],
-            planes[-1],
-            bound=1e-4,
-            noise=5.0 / paths**0.5,  # 1 for one path; 0.6 was observed
-        )
-    if pixel_sample is not None and count:
-        image, difference = _balanced(image, difference, boundaries)
-    return Trace(
-        closure=closure,
-        short=short,
-        weights=weights_of(image.reshape(shape), cells),
-        weights_difference=weights_of(difference.reshape(shape), cells),
-        programs=tuple(programs),
-        seconds={"compile": sum(program.build_s for program in programs), **seconds},
-        counts={
-            "scattering_cells": len(cells.address),
-            "pixels": count,
-            "samples": sums.batches * SAMPLES,
-        },
-        precision=real.__name__,
-        pixel_sample=pixel_sample,
+    return sums
+
+
+def _accurate(
+    trace_input: TraceInput,
+    sums: _BatchSums,
+    pixels: Ints,
+    report: Callable[[str], None] | None,
+) -> bool:
+    """True if the noise of T_app in front of the background is the wanted one."""
+    settings = trace_input.settings
+    error_K = trace_input.temperature.error_K(sums.mean[:-1], sums.difference[:-1])
+    error_K = error_K[np.isfinite(error_K) & trace_input.view.on_background(pixels)]
+    error = float(np.sqrt(np.sum(error_K**2) / max(len(error_K), 1)))
+    if report is not None:
+        report(f"{sums.samples} samples per pixel: error {error:.2g} K")
+    return error <= settings.accuracy_K and sums.batches >= settings.tuning.batches
+
+
+def _ended(trace_input: TraceInput, sums: _BatchSums, pixels: int) -> str:
+    """Remark on paths that were ended by their number of scatterings; empty if none was."""
+    if not sums.ended:
+        return ""
+    return (
+        f"path tracing: {sums.ended} of {pixels * sums.samples} paths ended after "
+        f"{trace_input.settings.tuning.path_scatterings} scatterings, as if they saw the wall; "
+        "allowed: a medium that absorbs more, or transport.method: source"
     )
