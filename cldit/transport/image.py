@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device, shares
-from cldit.gpu.program import Define, Program, build
+from cldit.gpu.program import GROUP, Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cell_records import CellRecords, Sources
 from cldit.transport.cells import OpticalCells
 from cldit.transport.linear_coefficients import device_cells
 from cldit.transport.view import View
 
-_GROUP = 64
 _MIDDLE = np.array([[0.5, 0.5, 0.0, 0.0]])  # of a pixel, and of the aperture
 
 
@@ -106,19 +105,21 @@ class FormalSolution:
             defines["LINEAR_SOURCE"] = 1
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         cell_records = CellRecords.of(cells)
+        linear_coefficients = "LINEAR_COEFFICIENTS" in defines
         parts = [
             _DeviceRows(
                 device=member,
                 program=build(member, "image.cl", defines),
                 rows=rows,
                 arguments={
-                    **_directory(member, cells, real, linear="LINEAR_COEFFICIENTS" in defines),
+                    **{name: octree[name] for name in ("directory", "span")},
                     "number": upload(member, "records' numbers", cell_records.number),
                     **view.geometry(member, cells, real),
                     "cutoff": cutoff,
                 },
             )
             for member, rows in shares(device, view.pixels[1])
+            for octree in [device_cells(member, cells, real, linear=linear_coefficients)]
         ]
         return cls(cells, view, scene, real, cell_records, tuple(parts), at_once, thick, linear)
 
@@ -267,7 +268,7 @@ class Rays:
                 part.program.launch(
                     "refine",
                     (count,),
-                    (min(_GROUP, part.program.largest_group("refine")),),
+                    (min(GROUP, part.program.largest_group("refine")),),
                     {
                         "planes": out,
                         "list": upload(part.device, "pixels", some_pixels),
@@ -286,11 +287,3 @@ class Rays:
             if count
         ]
         return np.concatenate(means, axis=1)
-
-
-def _directory(
-    device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool
-) -> dict[str, Any]:
-    """Kernel arguments of the octree's directory."""
-    buffers = device_cells(device, cells, real, linear=linear)
-    return {name: buffers[name] for name in ("directory", "span")}

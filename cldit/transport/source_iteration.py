@@ -26,7 +26,7 @@ from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
-from cldit.transport.camera_source import final_sweeps, order_0_source
+from cldit.transport.camera_source import CameraSource, final_sweeps, order_0_source
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.iteration import iterate_source
@@ -35,7 +35,7 @@ from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.final_gather.paths import PathSampler
-from cldit.transport.image import FormalSolution
+from cldit.transport.image import FormalSolution, Rays
 from cldit.transport.result import Trace, TraceInput, TraceSettings, weights_of
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.traced_pixels import Across, traced_pixels
@@ -54,73 +54,86 @@ def trace_source(
     `trace`.
     """
     settings, start = trace_input.settings, time.perf_counter()
-    seconds: dict[str, float] = {}
+    cells, seconds = trace_input.cells, dict[str, float]()
     region = camera = gather = None
-    if trace_input.cells.needs.scattering:
+    if cells.needs.scattering:
         trace_input.check_boundary()
-        region = thick_region(trace_input.cells, settings)
-        if settings.order == 0:
-            camera = order_0_source(trace_input.cells, settings.real)
-        else:
-            problem = SweepProblem.of(trace_input, region)
-            rng = np.random.default_rng(settings.seed)
-            solved = iterate_source(problem, rng, report)  # 1
-            final = moment_source(problem, solved, rng)  # 2
-            camera = final_sweeps(problem, final)  # 3
-            del solved, final  # with the device memory of their sweepers
+        region = thick_region(cells, settings)
+        camera = _camera_source(trace_input, region, report)  # 1, 2, 3
         builds = sum(program.build_s for program in camera.programs)
         # Devices build in parallel: the sum may exceed the elapsed time.
         seconds["scattering"] = max(time.perf_counter() - start - builds, 0.0)
-    cells = trace_input.cells
     image = formal_solution(trace_input, region)
     if region is not None and camera is not None and camera.cell_sources is not None:
         gather = Gather(PathSampler(image, region, camera.cell_sources, settings))
 
-    sources: list[Reals] = [] if camera is None else [*camera.halves]
-    defect = np.zeros(0) if camera is None else camera.defect
-    known_gradient = None if camera is None else camera.known
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # the energy balance refuses a broken image
-        lit = image.with_sources(sources, defect, gather, known=known_gradient)
+        lit = _lit(image, camera, gather)
         traced = traced_pixels(lit, trace_input, pixels, rays)  # 4, and 5 by `gather`
-        halves = traced.halves
         seconds["image"] = time.perf_counter() - start
-        mean = _mean(halves)
+        mean = _mean(traced.halves)
         balance = EnergyBalance.of(
             mean[: cells.needs.boundaries],
             mean[-1],
             bound=settings.tuning.closure + 3 * settings.tolerance,
         )
-    programs = [image.parts[0].program, *([] if camera is None else camera.programs)]
-    counts = {} if camera is None else dict(camera.counts)
-    if np.any(traced.across > 1):
-        counts["pixels_of_several_rays"] = int(np.count_nonzero(traced.across > 1))
-        counts["rays"] = int(np.sum(traced.across**2))
     if gather is not None:
-        programs += gather.sampler.programs
-        counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
-        # Devices gather in parallel.
-        seconds["image"] = max(seconds["image"] - gather.seconds, 0.0)
+        seconds["image"] = max(seconds["image"] - gather.seconds, 0.0)  # devices gather in parallel
+    programs = (
+        image.parts[0].program,
+        *(() if camera is None else camera.programs),
+        *(() if gather is None else gather.sampler.programs),
+    )
     seconds["compile"] = sum(program.build_s for program in programs)
-    short = "" if gather is None else gather.short
     return Trace(
         weights=weights_of(mean, cells),
-        weights_difference=_half(halves, cells),
+        weights_difference=_half(traced.halves, cells),
         scatters=cells.needs.scattering,
         middle=None if traced.middle is None else weights_of(_mean(traced.middle), cells),
         middle_difference=None if traced.middle is None else _half(traced.middle, cells),
-        programs=tuple(programs),
+        programs=programs,
         iterations=None if camera is None else camera.solution.iterations,
         source_error=0.0 if camera is None else camera.solution.error,
         seconds=seconds,
-        counts=counts,
+        counts=_counts(camera, traced.across, gather),
         precision="float64" if settings.precision == "float64" else "float32",
-        short=short,
+        short="" if gather is None else gather.short,
         closure=balance,
         subpixels=traced.subpixels,
         rays=traced.across if pixels is None else None,
     )
+
+
+def _camera_source(
+    trace_input: TraceInput, region: ThickRegion | None, report: Callable[[str], None] | None
+) -> CameraSource:
+    """Sources of the scattering cells to the camera: stages 1 to 3."""
+    settings = trace_input.settings
+    if settings.order == 0:
+        return order_0_source(trace_input.cells, settings.real)
+    problem = SweepProblem.of(trace_input, region)
+    rng = np.random.default_rng(settings.seed)
+    return final_sweeps(problem, moment_source(problem, iterate_source(problem, rng, report), rng))
+
+
+def _lit(image: FormalSolution, camera: CameraSource | None, gather: Gather | None) -> Rays:
+    """Rays through the medium with the sources to the camera."""
+    if camera is None:
+        return image.with_sources([], np.zeros(0))
+    return image.with_sources([*camera.halves], camera.defect, gather, known=camera.known)
+
+
+def _counts(camera: CameraSource | None, across: Ints, gather: Gather | None) -> dict[str, int]:
+    """Sizes of a trace, see `Trace.counts`."""
+    counts = {} if camera is None else dict(camera.counts)
+    if np.any(across > 1):
+        counts["pixels_of_several_rays"] = int(np.count_nonzero(across > 1))
+        counts["rays"] = int(np.sum(across**2))
+    if gather is not None:
+        counts["samples"] = gather.samples
+    return counts
 
 
 def _mean(halves: Reals) -> Reals:
@@ -185,15 +198,11 @@ def source_function(
         source += cells.scale * emitted
     if not cells.needs.scattering:
         return source
-    if settings.order == 0:
-        camera = order_0_source(cells, settings.real)
-    else:
+    region = None
+    if settings.order != 0:
         trace_input.check_boundary()
-        problem = SweepProblem.of(trace_input, thick_region(cells, settings))
-        rng = np.random.default_rng(settings.seed)
-        camera = final_sweeps(
-            problem, moment_source(problem, iterate_source(problem, rng, None), rng)
-        )
+        region = thick_region(cells, settings)
+    camera = _camera_source(trace_input, region, None)
     mean = np.mean(camera.halves, axis=0, dtype=np.float64)
     units = [boundary.get(name, cells.scale) for name in cells.needs.components]
     source[cells.address] = np.asarray(units) @ mean

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.tuning import Tuning
 
@@ -136,41 +137,43 @@ class ThickRegion:
         number = number[address]
         scatters = number >= 0
         depth, albedo = seen.depth[address], seen.albedo[number]
-        if path_depth is None:
-            continues = np.zeros(len(depth), np.bool_)
-        else:
-            # Errors of a linear source with few moments accumulate over many scatterings.
-            # albedo^2 depth is about the light that is scattered twice in the cell.
-            continues = (depth > path_depth) | (albedo > tuning.path_albedo)
-            continues |= albedo**2 * depth > tuning.path_twice * path_depth
-            continues &= scatters
+        continues = scatters & _continues(depth, albedo, path_depth, tuning)
         real = source.dtype.type
-        own_source = np.zeros((len(source), len(address)), real)
+        own_source = np.zeros((len(source), len(address)), source.dtype)
         first_emitter, emission = cells.needs.boundaries, cells.thermal_planes(real, address)
-        own_source[first_emitter : first_emitter + len(emission)] = emission
+        emitters = slice(first_emitter, first_emitter + len(emission))
+        own_source[emitters] = emission
         own_source[:, scatters] = source[:, number[scatters]]
         own_gradient = np.zeros((0, len(address)), real)
         if gradient is not None:
             among = np.full(len(cells.address), NONE)
             among[linear_cells] = np.arange(len(linear_cells))
             among = np.where(scatters, among[number], NONE)
-            own_gradient = gradient.reshape(-1, len(linear_cells))[:, among]
-            own_gradient = own_gradient * (among >= 0).astype(real)
-        own_source[first_emitter : first_emitter + len(emission), continues] -= emission[
-            :, continues
-        ]
+            listed = gradient.reshape(-1, len(linear_cells))[:, among]
+            own_gradient = listed * (among >= 0).astype(real)
+        own_source[emitters, continues] -= emission[:, continues]
         scattered = np.where(continues, cells.albedo[number], 1.0).astype(real)
         emitted = np.zeros((len(cells.needs.components), len(address)), real)
-        emitted[first_emitter : first_emitter + len(emission)] = continues * seen.thermal_planes(
-            real, address
-        )
+        emitted[emitters] = continues * seen.thermal_planes(real, address)
         planes = [emitted, *(own_source / scattered).reshape(-1, len(emitted), len(address))]
         planes.extend((own_gradient / scattered).reshape(-1, len(emitted), len(address)))
         fours = -(-len(emitted) // 4) * 4
         out = np.zeros((len(self.at), _HEAD + fours * len(planes)), real)
-        out[stored, 0] = np.where(continues, seen.depth[address], cells.depth[address])
-        out[stored, 1] = np.where(continues, seen.albedo[number], 0.0)
+        out[stored, 0] = np.where(continues, depth, cells.depth[address])
+        out[stored, 1] = np.where(continues, albedo, 0.0)
         for place, plane in enumerate(planes):
             begin = _HEAD + place * fours
             out[stored, begin : begin + len(plane)] = plane.T
         return out
+
+
+def _continues(depth: Floats, albedo: Floats, path_depth: float | None, tuning: Tuning) -> Mask:
+    """Mask (N,) of cells in which paths continue.
+
+    Errors of a linear source with few moments accumulate over many scatterings. albedo^2 depth is
+    about the light that is scattered twice in the cell.
+    """
+    if path_depth is None:
+        return np.zeros(len(depth), np.bool_)
+    twice = albedo**2 * depth > tuning.path_twice * path_depth
+    return (depth > path_depth) | (albedo > tuning.path_albedo) | twice

@@ -101,19 +101,38 @@ class Sweeper:
         self.sum_type: type[np.generic] = np.int64 if self._by_ray else self.real
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
-        self._patches: dict[str, Any] = {}
-        real = self.real
-        if len(patches):
-            inside = shifted(patches, -np.asarray(self.box.low, float))
-            self._patches = {"patches": upload(device, "patches", inside.astype(real))}
+        inside = shifted(patches, -np.asarray(self.box.low, float)).astype(self.real)
+        self._patches = {"patches": upload(device, "patches", inside)} if len(patches) else {}
+        self._emits: tuple[bool, bool] | None = None
+        self._shining = False
+        self.sweeps = 0
+        self._take_boxes(cells)
+        # RAY_PLANES of blurred_boundary.h: values of a ray.
+        excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
+        self.ray_planes = self.components + excesses
+        self._take_rays()
+        self.gradients = (
+            Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
+        )
+        self._neighbours: dict[str, Any] = {}
+        if self.gradients is not None:
+            weights = self.gradients.weights.astype(self.real)
+            self._neighbours = {
+                "neighbours": upload(device, "neighbours", self.gradients.neighbours),
+                "weights": upload(device, "neighbours' weights", weights),
+            }
+        self._take_cells(cells, iterate)
+
+    def _take_boxes(self, cells: OpticalCells) -> None:
+        """Uploads the cells in packets, in both orders, with room for their source."""
         self.packets = CellPackets.both(cells, self.box)
         self._order = {
             turned: SweepArrays.of(
-                device,
+                self.device,
                 cells,
                 self.box,
                 packets,
-                real,
+                self.real,
                 turned=turned,
                 linear_cells=self.linear_cells,
                 by_ray=self._by_ray,
@@ -122,44 +141,38 @@ class Sweeper:
         }
         self._places = {turned: order.place for turned, order in self._order.items()}
         self._linear_places = {turned: o.gradient_place for turned, o in self._order.items()}
-        number_bytes = np.dtype(real).itemsize + np.dtype(self.sum_type).itemsize
-        packed = sum(packets.cells for packets in self.packets.values())
-        self._apart = packed * self._planes * number_bytes < _APART * device.info.memory_bytes
-        self._emits: tuple[bool, bool] | None = None
-        self._source = self._boxes("source", self._planes, real)
-        self._shining = False
-        # RAY_PLANES of blurred_boundary.h: values of a ray.
-        excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
-        self.ray_planes = self.components + excesses
-        self._together, self._edge = device.info.largest_buffer_bytes, max(self.box.shape)
+        number_bytes = np.dtype(self.real).itemsize + np.dtype(self.sum_type).itemsize
+        packed_bytes = sum(packets.cells for packets in self.packets.values()) * number_bytes
+        self._apart = packed_bytes * self._planes < _APART * self.device.info.memory_bytes
+        self._source = self._boxes("source", self._planes, self.real)
+
+    def _take_rays(self) -> None:
+        """Sets how many ordinates are swept together, with room for their rays."""
+        self._together, self._edge = self.device.info.largest_buffer_bytes, max(self.box.shape)
         self._rays: dict[str, Any] = {}
-        if not self._by_ray:
-            ray_values = max(
-                layout.ray_rows * self.ray_planes * layout.slots
-                for layout in axis_orders(self.box.shape).values()
-            )
-            fit = self._together // (ray_values * np.dtype(real).itemsize)
-            self._together, self._edge = max(1, min(_TOGETHER, fit)), self._tile_edge()
-            self._rays = {"rays": zeros(device, "rays", self._together * ray_values, real)}
-        self.albedo = cells.albedo
-        self.opacity: NDArray[Any] = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
-        self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
-        self.gradients = (
-            Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
+        if self._by_ray:
+            return
+        ray_values = max(
+            layout.ray_rows * self.ray_planes * layout.slots
+            for layout in axis_orders(self.box.shape).values()
         )
-        self._neighbours: dict[str, Any] = {}
-        if self.gradients is not None:
-            weights = self.gradients.weights.astype(real)
-            self._neighbours = {
-                "neighbours": upload(device, "neighbours", self.gradients.neighbours),
-                "weights": upload(device, "neighbours' weights", weights),
-            }
+        fit = self._together // (ray_values * np.dtype(self.real).itemsize)
+        self._together, self._edge = max(1, min(_TOGETHER, fit)), self._tile_edge()
+        self._rays = {"rays": zeros(self.device, "rays", self._together * ray_values, self.real)}
+
+    def _take_cells(self, cells: OpticalCells, iterate: Program) -> None:
+        """Uploads the lists of the scattering cells, with room for the sums of a sweep."""
+        device, real = self.device, self.real
+        depth = cells.depth[cells.address]
+        self.albedo = cells.albedo
+        self.opacity: NDArray[Any] = (1.0 - np.exp(-depth)).astype(real)
+        self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
+        escapes = mean_transmission(_MEAN_PATH * depth)
+        self.one_minus_lambda: NDArray[Any] = (cells.coalbedo + cells.albedo * escapes).astype(real)
         self._emission = upload(device, "emission", self.thermal)
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         self._linear = upload(device, "linear cells", self.linear_cells.astype(np.int32))
-        escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
-        self.one_minus_lambda: NDArray[Any] = (cells.coalbedo + cells.albedo * escapes).astype(real)
         self._one_minus_lambda = upload(device, "1 - Lambda*", self.one_minus_lambda)
         self._cells = ScatteringCells.of(
             device,
@@ -171,7 +184,6 @@ class Sweeper:
         )
         self._i_minus_s, self._listed = self.room(1)
         self._out = zeros(device, "answer", self.components * self.count, real)
-        self.sweeps = 0
 
     def _tile_edge(self) -> int:
         """Edge of a tile, equal for all partitions of a device: sums are bit-identical."""

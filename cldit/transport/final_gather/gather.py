@@ -99,72 +99,85 @@ class Gather:
         round_means: tuple[Floats, float],
     ) -> Floats:
         """Means of a group by the rounds that follow the first, which gave `round_means`."""
-        cells, accuracy_K = self._image.cells, self._settings.accuracy_K
-        temperature = cells.temperature(self._image.scene, visible=self._settings.visible)
-        half_as_bright = 0.5 * cells.hottest
-        pixels, seen, tile_order, across = group.pixels, group.seen, first.pixels, group.across
-        count, max_samples = len(pixels), self._settings.max_samples
-        tuning = self._settings.tuning
-        tiles = self._tiles(pixels)
-        on_background = self._image.view.on_background(pixels)
+        tile_order, across, count = first.pixels, group.across, len(group.pixels)
+        tiles = self._tiles(group.pixels)
         sums = np.empty((2, self.sampler.components, count))
         sums[:, :, tile_order], segments = first.samples * round_means[0], round_means[1]
         samples = np.full(count, first.samples)  # of either half, in each of a pixel's rays
         while True:
             means = sums / samples
-            mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
-            # The trace must be accurate for any wall temperature: for that of the scene, and for
-            # walls half as bright as the medium. As warm walls would hide errors of the weights,
-            # since everything then looks alike; dark ones would ask for light that no image shows.
-            before_own, before_bright = (
-                on_background
-                * np.nan_to_num(
-                    temperature.error_K(seen + mean[:-1], difference[:-1], outside=outside)
-                )
-                for outside in (None, half_as_bright)
-            )
-            error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
-            energy = np.bincount(tiles, error_K**2).astype(np.float64)
-            counted = on_background & (1 - (seen + mean[:-1])[0] > temperature.visible)
-            visible = max(int(np.count_nonzero(counted)) + group.other_visible, 1)
-            allowed = visible * (tuning.noise_share * accuracy_K) ** 2
-            if energy.sum() <= allowed:
-                break
-            size_of = np.bincount(tiles)
-            had_of = np.bincount(tiles, samples) // size_of
-            ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
-            limit = np.minimum(tuning.growth * samples, max_samples // (2 * across**2))
-            longest = segments / samples.sum()  # mean number in a path of either half
-            allowed_samples = (tuning.path_segments - self._spent) / max(longest, 1.0)
-            wanted_of = np.maximum(np.minimum(ideal, limit), samples)
-            while wanted_of.sum() > allowed_samples and not np.array_equal(wanted_of, samples):
-                wanted_of = np.maximum(wanted_of // 2, samples)
-            paths_in_all = 2.0 * across**2 * wanted_of.sum()
-            if np.array_equal(wanted_of, samples) or paths_in_all > tuning.paths:
-                noise_K = float(np.sqrt(energy.sum() / visible))
-                self.short = (
-                    f"paths in thick cells: stopped at {max_samples} samples per pixel, or in "
-                    f"total {tuning.paths:.0e} or {tuning.path_segments:.0e} scatterings, with a "
-                    f"noise of {noise_K:.2g} K RMS; "
-                    f"transport.accuracy_K: {accuracy_K:g} needs "
-                    f"{tuning.noise_share * accuracy_K:.2g} K; "
-                    "increase transport.max_samples or transport.accuracy_K"
-                )
+            wanted = self._wanted(means, samples, tiles, group, segments)
+            if np.array_equal(wanted, samples):
                 break
             # Pixels with equal numbers of paths continue with the same points.
-            for pair in np.unique((samples << 32 | wanted_of)[wanted_of > samples]):
+            for pair in np.unique((samples << 32 | wanted)[wanted > samples]):
                 had, goal = divmod(int(pair), 1 << 32)
-                continued = tile_order[
-                    (samples[tile_order] == had) & (wanted_of[tile_order] == goal)
-                ]
+                continued = tile_order[(samples[tile_order] == had) & (wanted[tile_order] == goal)]
                 next_round = ChosenRays(continued, across, first.offset, goal - had)
                 [(added, crossed)] = self.sampler.means(paths, [next_round], had)
                 sums[:, :, continued] += (goal - had) * added
                 segments += crossed
-            samples = wanted_of
+            samples = wanted
         self._spent, self._rays = self._spent + segments, self._rays + count * across**2
         self.samples = self.samples or int(2 * samples.mean() * across**2)
         return np.asarray(means)
+
+    def _wanted(
+        self, means: Floats, samples: Ints, tiles: Ints, group: ThickPixels, segments: float
+    ) -> Ints:
+        """Samples (N,) of each pixel after the next round; those so far if there is none.
+
+        `means` (2, C + 1, N) are by `samples` (N,) with that many `segments` in all.
+        """
+        tuning, accuracy_K = self._settings.tuning, self._settings.accuracy_K
+        max_samples, across = self._settings.max_samples, group.across
+        energy, visible = self._energy(means, tiles, group)
+        allowed = visible * (tuning.noise_share * accuracy_K) ** 2
+        if energy.sum() <= allowed:
+            return samples
+        size = np.bincount(tiles)
+        had = np.bincount(tiles, samples) // size
+        ideal = neyman_allocation(energy, had, size, allowed=allowed)[tiles]
+        limit = np.minimum(tuning.growth * samples, max_samples // (2 * across**2))
+        longest = segments / samples.sum()  # mean number in a path of either half
+        allowed_samples = (tuning.path_segments - self._spent) / max(longest, 1.0)
+        wanted = np.maximum(np.minimum(ideal, limit), samples)
+        while wanted.sum() > allowed_samples and not np.array_equal(wanted, samples):
+            wanted = np.maximum(wanted // 2, samples)
+        if np.array_equal(wanted, samples) or 2.0 * across**2 * wanted.sum() > tuning.paths:
+            noise_K = float(np.sqrt(energy.sum() / visible))
+            self.short = (
+                f"paths in thick cells: stopped at {max_samples} samples per pixel, or in "
+                f"total {tuning.paths:.0e} or {tuning.path_segments:.0e} scatterings, with a "
+                f"noise of {noise_K:.2g} K RMS; transport.accuracy_K: {accuracy_K:g} needs "
+                f"{tuning.noise_share * accuracy_K:.2g} K; "
+                "increase transport.max_samples or transport.accuracy_K"
+            )
+            return samples
+        return wanted
+
+    def _energy(self, means: Floats, tiles: Ints, group: ThickPixels) -> tuple[Floats, int]:
+        """Sum (T,) of each tile's squared errors of T_app, and the number of visible pixels.
+
+        The trace must be accurate for any wall temperature: for that of the scene, and for walls
+        half as bright as the medium. As warm walls would hide errors of the weights, since
+        everything then looks alike; dark ones would ask for light that no image shows.
+        """
+        cells, view = self._image.cells, self._image.view
+        temperature = cells.temperature(self._image.scene, visible=self._settings.visible)
+        on_background = view.on_background(group.pixels)
+        mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
+        weights = group.seen + mean[:-1]
+        own, bright = (
+            on_background
+            * np.nan_to_num(temperature.error_K(weights, difference[:-1], outside=outside))
+            for outside in (None, 0.5 * cells.hottest)
+        )
+        noise_bright = self._settings.tuning.noise_bright
+        error_K = np.maximum(np.abs(own), np.abs(bright) / noise_bright)
+        counted = on_background & (1 - weights[0] > temperature.visible)
+        visible = max(int(np.count_nonzero(counted)) + group.other_visible, 1)
+        return np.bincount(tiles, error_K**2).astype(np.float64), visible
 
     def affords(self, rays: int) -> bool:
         """True if the scatterings that an image may have suffice for so many more rays."""

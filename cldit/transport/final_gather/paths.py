@@ -22,7 +22,7 @@ from cldit.transport.discrete_ordinates.quadrature import (
 from cldit.transport.final_gather.cell_sources import CellSources
 from cldit.transport.image import FormalSolution, ThickPixels
 from cldit.transport.linear_coefficients import thick_albedo
-from cldit.transport.phase import PHASE_STEPS
+from cldit.transport.phase import PHASE_STEPS, ScatteringTable
 from cldit.transport.result import TraceSettings
 from cldit.transport.sobol import points
 from cldit.transport.thick_region import ThickRegion
@@ -91,16 +91,44 @@ class GatherPaths:
         self.device.queue.flush()  # the next device starts while this one works
 
 
-def _classes(
-    device: Device, shares: NDArray[np.uint8] | None, thick: ThickRegion
-) -> dict[str, Any]:
-    """Kernel arguments of PHASE_CLASSES, from the `shares` (K - 1, P) of stored cells."""
-    if shares is None:
-        return {}
-    of_region = np.where(thick.address >= 0, shares[:, thick.address], np.uint8(0))
+def _path_ends(cutoff: float, settings: TraceSettings, *, diffusive: bool) -> dict[str, Any]:
+    """Where paths and their segments end, as kernel arguments.
+
+    Sweeps do not have the diffusion limit in thick cells. So paths in `diffusive` ones continue
+    until hardly any of their weight is left for the sweeps' sources.
+    """
+    tuning = settings.tuning
+    least = max(cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
     return {
-        "class_shares": upload(device, "size classes", of_region),
-        "region_cells": of_region.shape[1],
+        "most_segments": tuning.diffuse_segments if diffusive else tuning.segments,
+        "end_weight": tuning.diffuse_end_weight if diffusive else tuning.end_weight,
+        "least_transmission": cutoff if diffusive else least,
+    }
+
+
+def _ordinates(
+    directions: Ordinates, phase: ScatteringTable | None, real: type[np.floating]
+) -> dict[str, NDArray[Any]]:
+    """Tables from which the direction of a path is drawn, as kernel arguments.
+
+    The ordinates of the stored radiance are in the order of the Hilbert curve, with the cumulative
+    weight of light scattered along +y.
+    """
+    order = hilbert_order(directions.unit)
+    unit, weight = directions.unit[order], directions.weight[order]
+    steps = np.zeros(1)
+    if phase is not None:
+        steps = phase.by_half_sine(PHASE_STEPS)
+        sine = np.sqrt((1 - unit[:, 1]) / 2)
+        weight = weight * steps[np.minimum((sine * PHASE_STEPS).astype(int), PHASE_STEPS - 1)]
+    drawn = np.column_stack([unit, np.cumsum(weight) / weight.sum()]).astype(real)
+    start = np.searchsorted(drawn[:, 3], np.arange(len(drawn)) / len(drawn), "right")
+    return {
+        "directions": drawn,
+        "start": np.minimum(start, len(drawn) - 1).astype(np.int32),
+        "number_of": order,
+        "nearest": nearest(directions),
+        "by_half_sine": steps.astype(real),
     }
 
 
@@ -123,52 +151,13 @@ class PathSampler:
 
         `flags` are further defines of the kernels.
         """
-        directions, interfaces = ends.directions, ends.light
         self.solution, self.settings = formal_solution, settings
-        self._device = formal_solution.parts[0].device
-        cells = formal_solution.cells
-        box = cells.box()
-        self._real = formal_solution.real
+        self.diffusive = thick.diffusive
+        self._device, self._real = formal_solution.parts[0].device, formal_solution.real
+        cells, view = formal_solution.cells, formal_solution.view
         self.components = len(cells.needs.components) + 1
-        phase, tuning = settings.phase, settings.tuning
-        table, steps = np.zeros(1), np.zeros(1)
-        cutoff = settings.ending(cells, formal_solution.scene)
-        least_transmission = max(cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
-        segments, end_weight = tuning.segments, tuning.end_weight
-        if thick.diffusive:
-            # Sweeps do not have the diffusion limit in thick cells. So paths continue until hardly
-            # any of their weight is left for the sweeps' sources.
-            least_transmission = cutoff
-            segments, end_weight = tuning.diffuse_segments, tuning.diffuse_end_weight
-        defines: dict[str, Define] = {
-            **settings.defines(cells),
-            **(flags or {}),
-            "NEAREST_SIDE": NEAREST_SIDE,
-        }
-        classes = class_shares(cells, phase)
-        if classes is not None:
-            defines["PHASE_CLASSES"] = len(classes) + 1
-        if thick.diffusive or classes is not None:
-            defines["FREE_DIRECTIONS"] = 1
-        for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE", "BLURRED_BOUNDARY"):
-            if flag in ends.program.defines:
-                defines[flag] = ends.program.defines[flag]
-        whole_depth: dict[str, Floats] = {}
-        if "BLURRED_BOUNDARY" in defines:
-            depth = np.where(thick.address >= 0, cells.depth[thick.address], 0.0)
-            whole_depth["whole_depth"] = depth.astype(self._real)
-        if phase is not None:
-            table = np.concatenate([scattering.to_sample() for scattering in phase.tables])
-            steps = phase.by_half_sine(PHASE_STEPS)
-            defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
-        real, linear = self._real, settings.linear_coefficients
-        records = ends.records.astype(real)
-        order = hilbert_order(directions.unit)
-        drawn = Ordinates(directions.unit[order], directions.weight[order])
-        shared = self._cumulative(drawn, steps).astype(real)
-        starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
-        nearest_table = nearest(directions)
-        size = interfaces.interfaces * interfaces.directions * interfaces.components
+        classes = class_shares(cells, settings.phase)
+        defines = {**self._defines(ends, classes), **(flags or {})}
         self.programs = [
             build(
                 part.device,
@@ -181,62 +170,93 @@ class PathSampler:
             )
             for part in formal_solution.parts
         ]
-        at = np.zeros((len(thick.at), 4), np.int32)
-        at[:, :3] = thick.at + np.asarray(box.low)
-        view = formal_solution.view
+        cutoff = settings.ending(cells, formal_solution.scene)
+        tables = _ordinates(ends.directions, settings.phase, self._real)
+        linear = settings.linear_coefficients
         self._traversals: list[dict[str, Any]] = []
         self._fixed: list[dict[str, Any]] = []
         for part in formal_solution.parts:
-            device, stored = part.device, interfaces.buffer
-            if device is not self._device:
-                host = download(self._device, interfaces.buffer, np.empty(size, real))
-                stored = upload(device, "interface radiance", host)
+            device = part.device
             self._traversals.append(
                 {
-                    "albedo": thick_albedo(device, cells, thick.listed, real, linear=linear),
-                    **upload_tree(device, cells, real, linear=linear),
-                    **view.geometry(device, cells, real),
+                    "albedo": thick_albedo(device, cells, thick.listed, self._real, linear=linear),
+                    **upload_tree(device, cells, self._real, linear=linear),
+                    **view.geometry(device, cells, self._real),
                     "cutoff": cutoff,
                 }
             )
-            start = np.minimum(starts, len(shared) - 1).astype(np.int32)
             self._fixed.append(
                 {
-                    "table": upload(device, "phase function", table.astype(real)),
-                    "places": upload(device, "places", thick.places),
-                    "at": upload(device, "cells' places", at),
-                    "beside": upload(device, "faces", thick.beside),
-                    "region_depth": upload(device, "thick cells", ends.depth.astype(real)),
-                    "cells": upload(device, "thick cells", records),
-                    "start": upload(device, "directions", start),
-                    "nearest": upload(device, "directions", nearest_table),
-                    "box_low": np.array([*(box.low + thick.low), 0], np.int32),
-                    "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
-                    "light": stored,
-                    "directions": upload(device, "directions", shared),
-                    "number_of": upload(device, "directions", order),
-                    "direction_count": len(directions),
-                    "most_segments": segments,
-                    "end_weight": end_weight,
-                    "least_transmission": least_transmission,
-                    "by_half_sine": upload(device, "phase function", steps.astype(real)),
-                    **_classes(device, classes, thick),
-                    **{
-                        name: upload(device, "optical depth", depths)
-                        for name, depths in whole_depth.items()
-                    },
-                    **view.lines_of_sight(device, real),
+                    "light": self._light(device, ends),
+                    **self._region(device, thick, ends, blurred="BLURRED_BOUNDARY" in defines),
+                    **{name: upload(device, name, table) for name, table in tables.items()},
+                    "direction_count": len(ends.directions),
+                    **_path_ends(cutoff, settings, diffusive=thick.diffusive),
+                    **self._phase(device, thick, classes),
+                    **view.lines_of_sight(device, self._real),
                 }
             )
-        self.diffusive = thick.diffusive
 
-    def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
-        """Ordinates (K, 4): unit vectors and cumulative weight of light scattered along +y."""
-        weight = directions.weight
-        if self.settings.phase is not None:
-            sine = np.sqrt((1 - directions.unit[:, 1]) / 2)
-            weight = weight * steps[np.minimum((sine * PHASE_STEPS).astype(int), PHASE_STEPS - 1)]
-        return np.column_stack([directions.unit, np.cumsum(weight) / weight.sum()])
+    def _defines(self, ends: CellSources, classes: NDArray[np.uint8] | None) -> dict[str, Define]:
+        """Compile-time defines of the kernels."""
+        cells, settings = self.solution.cells, self.settings
+        defines: dict[str, Define] = {**settings.defines(cells), "NEAREST_SIDE": NEAREST_SIDE}
+        if classes is not None:
+            defines["PHASE_CLASSES"] = len(classes) + 1
+        if self.diffusive or classes is not None:
+            defines["FREE_DIRECTIONS"] = 1
+        for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE", "BLURRED_BOUNDARY"):
+            if flag in ends.program.defines:
+                defines[flag] = ends.program.defines[flag]
+        if settings.phase is not None:
+            defines.update(PHASE_BINS=settings.phase.bins, PHASE_STEPS=PHASE_STEPS)
+        return defines
+
+    def _light(self, device: Device, ends: CellSources) -> Any:
+        """Stored radiance of the interfaces, on this device."""
+        interfaces = ends.light
+        if device is self._device:
+            return interfaces.buffer
+        size = interfaces.interfaces * interfaces.directions * interfaces.components
+        host = download(self._device, interfaces.buffer, np.empty(size, self._real))
+        return upload(device, "interface radiance", host)
+
+    def _region(
+        self, device: Device, thick: ThickRegion, ends: CellSources, *, blurred: bool
+    ) -> dict[str, Any]:
+        """Uploads the thick region; its whole depths if the boundary is `blurred`."""
+        cells = self.solution.cells
+        box, real = cells.box(), self._real
+        at = np.zeros((len(thick.at), 4), np.int32)
+        at[:, :3] = thick.at + np.asarray(box.low)
+        whole_depth = {}
+        if blurred:
+            depth = np.where(thick.address >= 0, cells.depth[thick.address], 0.0)
+            whole_depth["whole_depth"] = upload(device, "optical depth", depth.astype(real))
+        return {
+            "places": upload(device, "places", thick.places),
+            "at": upload(device, "cells' places", at),
+            "beside": upload(device, "faces", thick.beside),
+            "region_depth": upload(device, "thick cells", ends.depth.astype(real)),
+            "cells": upload(device, "thick cells", ends.records.astype(real)),
+            "box_low": np.array([*(box.low + thick.low), 0], np.int32),
+            "box_shape": np.array([*thick.places.shape[::-1], 0], np.int32),
+            **whole_depth,
+        }
+
+    def _phase(
+        self, device: Device, thick: ThickRegion, classes: NDArray[np.uint8] | None
+    ) -> dict[str, Any]:
+        """Tables of the phase function, and the shares of size classes in the thick region."""
+        phase, table = self.settings.phase, np.zeros(1)
+        if phase is not None:
+            table = np.concatenate([scattering.to_sample() for scattering in phase.tables])
+        arguments = {"table": upload(device, "phase function", table.astype(self._real))}
+        if classes is not None:
+            of_region = np.where(thick.address >= 0, classes[:, thick.address], np.uint8(0))
+            arguments["class_shares"] = upload(device, "size classes", of_region)
+            arguments["region_cells"] = of_region.shape[1]
+        return arguments
 
     def paths(self, groups: Sequence[ThickPixels]) -> list[GatherPaths]:
         """Paths from the thick cells on the rays of all groups of pixels, for each device."""
