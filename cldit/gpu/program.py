@@ -18,6 +18,7 @@ from cldit.gpu.pocl import check_room
 from cldit.gpu.signature import Signature
 
 Define = int | float | str
+GROUP = 64  # work-items of a group without shared data: whole subgroups of all GPUs (8 to 64)
 
 _OLD_POCL = (
     "\nThis PoCL is older than the processor. Install a later one (from conda-forge, say) or "

@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.buffers import unset, upload
-from cldit.gpu.program import Program
-from cldit.medium.frame import BRICK
+from cldit.gpu.program import GROUP, Program
+from cldit.medium.frame import CELLS_PER_BRICK
 from cldit.transport.cells import OpticalCells
 from cldit.transport.linear_coefficients import device_cells
-
-_GROUP = 64
-_CELLS = BRICK**3
 
 
 @dataclass(frozen=True)
@@ -102,14 +99,14 @@ class CellRecords:
         program.launch(
             "cell_records",
             (len(self.number),),
-            (_GROUP,),
+            (GROUP,),
             {
                 **out,
                 **arguments,
                 **device_cells(device, self.cells, real, linear=linear),
                 "number": number,
                 "bricks": self.cells.tree.frame.bricks,
-                "coarse": self.cells.tree.slots * _CELLS,
+                "coarse": self.cells.tree.slots * CELLS_PER_BRICK,
                 "stored": len(self.number),
             },
         )

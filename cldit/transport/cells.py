@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
-from cldit.medium.frame import BRICK
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK
 from cldit.medium.octree import Octree
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.scene.schema import Scene
 
-_BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: smallest unit of thermal sources
 # Places in the cube have 24 bits. Their rounding is at most 2^-7 of a mean free path: at 2^-3 of
 # one T_app of an even cube was 0.3 K too large, at 2^-7 0.04 K.
@@ -213,7 +212,7 @@ class OpticalCells:
         """
         layer = (slice(None),) * (2 - axis) + (number,)
         slots = self.tree.directory[layer][bricks[layer]]
-        stored = self.depth[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
+        stored = self.depth[: self.tree.slots * CELLS_PER_BRICK].reshape(-1, BRICK, BRICK, BRICK)
         occupied = np.zeros(0, np.int64)
         if not np.any(slots < 0):
             layer_axes = tuple({1, 2, 3} - {3 - axis})
@@ -222,7 +221,7 @@ class OpticalCells:
 
     def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Finest cell (N, 3; x, y, z) of stored addresses."""
-        slot, local = np.divmod(address, _BRICK_CELLS)
+        slot, local = np.divmod(address, CELLS_PER_BRICK)
         z, y, x = np.nonzero(self.tree.directory >= 0)
         order = np.argsort(self.tree.directory[z, y, x])
         corner = np.stack([x, y, z], axis=1)[order] * BRICK
@@ -234,7 +233,7 @@ class OpticalCells:
         brick, local = np.divmod(position, BRICK)
         slot = self.tree.directory[tuple(brick.T[::-1])].astype(np.int64)
         x, y, z = local.T
-        return np.where(slot >= 0, slot * _BRICK_CELLS + (z * BRICK + y) * BRICK + x, -1)
+        return np.where(slot >= 0, slot * CELLS_PER_BRICK + (z * BRICK + y) * BRICK + x, -1)
 
     def dense(self, box: SweptBox, values: NDArray[Any]) -> NDArray[Any]:
         """Values (P,) of stored cells as a dense array [z, y, x] of `box`; 0 in coarse leaves."""
@@ -243,7 +242,7 @@ class OpticalCells:
         bx, by, bz = (low // BRICK for low in box.low)
         count = [-(-edge // BRICK) for edge in box.shape[::-1]]
         bricks = np.zeros((*count, BRICK, BRICK, BRICK), values.dtype)
-        stored = values[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
+        stored = values[: self.tree.slots * CELLS_PER_BRICK].reshape(-1, BRICK, BRICK, BRICK)
         bricks[z - bz, y - by, x - bx] = stored[slot]
         padded = bricks.transpose(0, 3, 1, 4, 2, 5).reshape([n * BRICK for n in count])
         nx, ny, nz = box.shape

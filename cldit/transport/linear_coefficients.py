@@ -24,8 +24,8 @@ import numpy as np
 from cldit.arrays import Ints, Reals
 from cldit.gpu.buffers import unset, upload, zeros
 from cldit.gpu.device import Device
-from cldit.gpu.program import Program, build
-from cldit.medium.frame import BRICK
+from cldit.gpu.program import GROUP, Program, build
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK
 from cldit.medium.limiter import limited
 from cldit.medium.octree import Octree
 from cldit.transport.cells import DEEPEST, OpticalCells
@@ -38,8 +38,6 @@ _FIELDS = (
     "vapour_emission",
     "droplet_emission",
 )
-_CELLS = BRICK**3
-_GROUP = 64
 
 
 def device_cells(
@@ -78,13 +76,13 @@ def device_cells(
         _program(device, cells, real).launch(
             "coefficients",
             (stored,),
-            (_GROUP,),
+            (GROUP,),
             {
                 **out,
                 "fields": upload(device, "coefficients", fields.astype(np.float32, copy=False)),
                 "leaf_slopes": upload(device, "coefficients", slopes.astype(np.float32)),
                 "bricks": tree.frame.bricks,
-                "coarse": tree.slots * _CELLS,
+                "coarse": tree.slots * CELLS_PER_BRICK,
                 "stored": stored,
                 "cell_m": float(tree.frame.cell_m),
                 "deepest": DEEPEST / tree.frame.cells,
@@ -112,7 +110,7 @@ def thick_albedo(
     _program(device, cells, real).launch(
         "some_albedos",
         (len(thick),),
-        (_GROUP,),
+        (GROUP,),
         {
             "some": out,
             "albedo": device_cells(device, cells, real, linear=linear)["albedo"],
@@ -138,7 +136,7 @@ def _positive(depth: Reals, slopes: Reals) -> Reals:
 
 def _coarse(tree: Octree, depth: Reals) -> Reals:
     """Relative gradient (L, 3) of coarse leaves, per finest cell."""
-    fine, levels = tree.slots * _CELLS, tree.coarse_level
+    fine, levels = tree.slots * CELLS_PER_BRICK, tree.coarse_level
     out = np.zeros((len(levels), 3))
     means = np.empty(tree.directory.shape)
     is_divided = tree.directory >= 0

@@ -5,14 +5,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.errors import TransportError
 from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device
-from cldit.gpu.program import Program, build
-from cldit.medium.frame import BRICK
+from cldit.gpu.program import GROUP, Program, build
+from cldit.medium.frame import CELLS_PER_BRICK
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.transport.boundary import patch_rows
@@ -21,18 +22,11 @@ from cldit.transport.linear_coefficients import device_cells
 from cldit.transport.sobol import net, on_disc
 
 _TILE = 8
-_GROUP = 64
 
 
 def dilated(chosen: Mask, pixels: int) -> Mask:
     """Mask (H, W) of pixels in the squares of 2 `pixels` + 1 about `chosen` ones."""
-    wide = chosen.copy()
-    for axis in (wide, wide.T):  # one after the other: along columns, then along rows
-        narrow = axis.copy()
-        for step in range(1, min(pixels, len(axis) - 1) + 1):
-            axis[step:] |= narrow[:-step]
-            axis[:-step] |= narrow[step:]
-    return wide
+    return np.asarray(scipy.ndimage.maximum_filter(chosen, 2 * pixels + 1, mode="constant"))
 
 
 @dataclass(frozen=True)
@@ -194,7 +188,7 @@ class View:
             program.launch(
                 "boundary_shares",
                 (len(listed),),
-                (min(_GROUP, program.largest_group("boundary_shares")),),
+                (min(GROUP, program.largest_group("boundary_shares")),),
                 {
                     "seen": out,
                     "list": upload(device, "pixels", listed.astype(np.int32)),
@@ -213,7 +207,7 @@ class View:
         """Kernel arguments of the octree's size and of `lines_of_sight`."""
         bounds = cells.bounds()
         return {
-            "coarse": cells.tree.slots * BRICK**3,
+            "coarse": cells.tree.slots * CELLS_PER_BRICK,
             "stored": len(cells.depth),
             "bricks": cells.tree.frame.bricks,
             "low": np.array([*bounds.low, 0], np.int32),
