@@ -208,7 +208,8 @@ def trace_path(
     start = time.perf_counter()
     column_count, rows = trace_input.view.pixels
     pixels = np.arange(column_count * rows) if pixel_sample is None else pixel_sample.pixels
-    boundaries = trace_input.cells.needs.boundaries
+    needs = trace_input.cells.needs
+    parts, boundaries = len(needs.components) + 1, needs.boundaries
 
     def done(sums: _BatchSums) -> bool:
         """True if the samples suffice."""
@@ -220,7 +221,7 @@ def trace_path(
     tracers = _PathTracer.of(trace_input, programs, media, table=table, pixels=pixels)
     sums = _sampled(trace_input, tracers, len(pixels), done)
     seconds["scattering"] = time.perf_counter() - start
-    shape = (-1, rows, column_count) if pixel_sample is None else (-1, 1, len(pixels))
+    shape = (parts, rows, column_count) if pixel_sample is None else (parts, 1, len(pixels))
     image, difference, closure = sums.halves[0], sums.halves[1], None
     if len(pixels):  # else no pixel was drawn
         closure = _balance(sums, boundaries, shape)
