@@ -21,13 +21,12 @@ _FREEZING_K = {
     "NC7H16": 182.6, "C8H18": 165.8, "NC8H18": 216.4, "C10H22": 243.5, "C12H26": 263.5,
     "NC12H26": 263.5, "C16H34": 291.3, "C14H30": 279.0,
 }  # fmt: skip
-_COLDEST_K = 60.0  # of a fuel that is not in the table
 
 
 def freezing_K(spec: CfdSpray) -> float:
-    """Freezing point of the fuel, or that of the lowest."""
+    """Freezing point of the fuel; of one that is not in the table, the lowest of the table."""
     name = "C7H16" if fuel_of(spec) == "n-heptane" else formula(spec.fuel_field)
-    return _FREEZING_K.get(name, _COLDEST_K)
+    return _FREEZING_K.get(name, min(_FREEZING_K.values()))
 
 
 def is_fuel(field: str) -> bool:
@@ -36,7 +35,7 @@ def is_fuel(field: str) -> bool:
 
 
 _GASES = {"N2", "O2", "CO2", "CO"}
-_LEAST = 0.01  # share of the liquid: a second component
+SECOND = 0.01  # share of the liquid, or of the fuel's largest mass fraction: a second fuel
 
 
 def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
@@ -45,11 +44,11 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
     liquid = False
     for name, column in cloud.extra.items():
         species, values = species_in(name), np.asarray(column.values, np.float64)
-        if species is not None and values.min() >= -1e-3 and _LEAST < values.max() <= 1.0 + 1e-3:
+        if species is not None and values.min() >= -1e-3 and SECOND < values.max() <= 1.0 + 1e-3:
             parts[species] = column
             liquid = liquid or is_liquid(name)
     total = np.sum([part.values for part in parts.values()], axis=0)
-    if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < _LEAST)):
+    if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < SECOND)):
         return  # of the gas around the parcels, or something else
     fuel = formula(fuel_field)
     foreign = {name: part for name, part in parts.items() if fuel not in name and name not in fuel}

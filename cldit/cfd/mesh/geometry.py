@@ -22,7 +22,7 @@ Labels = NDArray[np.signedinteger]
 
 FEW_FACES, OPEN, NO_VOLUME = 1, 2, 3
 _OPEN = 0.01  # share of a cell's surface that may be missing; the slack is for float32 points
-_SIDES = 8_000  # at a time: an array (3, N) of doubles takes 0.2 MB, and all stay in the cache
+IN_CACHE = 8_000  # sides or cells at a time: (3, N) doubles take 0.2 MB, and all stay in the cache
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def measure(part: Polyhedra) -> Iterator[tuple[Ints, NDArray[np.int8], Measures]
     done = 0
     while done < len(closed):
         past = ends[done - 1] if done else 0
-        stop = max(done + 1, int(np.searchsorted(ends, past + _SIDES, "right")))
+        stop = max(done + 1, int(np.searchsorted(ends, past + IN_CACHE, "right")))
         chosen = closed[done:stop]
         sizes, at = count[chosen], ends[done:stop] - count[chosen] - past
         side = part.sides[np.repeat(begin[chosen] - at, sizes) + np.arange(ends[stop - 1] - past)]
