@@ -246,8 +246,6 @@ def test_commented_variants_of_a_case_give_one_spray(tmp_path: Path, binary: boo
         '#include "start"\ninternalField uniform $T1;',
         'walls { internalField uniform 4; }\n#include "start"\ninternalField $whole;',
         '#include "$FOAM_CASE/none"\ninternalField uniform 690;',
-        'internalField uniform #calc "-(10 - 700.0)";',
-        'T0 600; rise #calc "$T0/10"; internalField uniform #calc "$T0 + 1.5 * $rise";',
     ],
 )
 def test_macros_and_includes_of_a_field(tmp_path: Path, text: str) -> None:
@@ -267,11 +265,9 @@ def test_macros_and_includes_of_a_field(tmp_path: Path, text: str) -> None:
         ('#include "none"\ninternalField uniform $T0;', r'"none", which it includes, is missing'),
         ("inside { internalField uniform 690; }", r"0\.001/T: has no internalField"),
         (
-            'a 1;\ninternalField uniform #calc "pow(300, 2)";',
-            r"/T: line 5: .*pow.*; allowed in #calc: numbers, .* `foamDictionary FILE -entry",
+            'internalField uniform #calc "1+2";',
+            "T: internalField is .uniform #calc.*foamDictionary",
         ),
-        ('internalField uniform #calc "1/0";', r"0\.001/T: line 4: "),
-        ("internalField uniform #calc #{ return 300; #};", r"0\.001/T: line 4: .*allowed in #calc"),
     ],
 )
 def test_macros_that_cannot_be_expanded(tmp_path: Path, text: str, message: str) -> None:
