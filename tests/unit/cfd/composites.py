@@ -7,10 +7,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-import yaml
 
 from tests.unit.cfd.conftest import Form, write_case
-from tests.unit.cfd.formats.conftest import WRITERS, write_tables
+from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.formats.test_fluent import write_fluent
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
 
@@ -178,29 +177,6 @@ def write_format(kind: str, folder: Path, sample: Any) -> Path:
         return write_fluent(folder, sample)
     if kind == "cgns":
         return write_cgns(folder / "a.cgns", sample)
-    if kind == "parquet":
-        return in_parquet(write_tables(folder, sample))
     blocks = {"gas": block_grid(block, gas), "drops": cloud_data(cloud)}
     file = write_hdf(folder / "a.vtkhdf", blocks)
     return file if kind == "vtkhdf-by-vtk" else with_checksums(file)
-
-
-def in_parquet(mapping: Path) -> Path:
-    """Both tables of `write_tables` as Parquet with checksums, and the mapping that names them."""
-    import pyarrow
-    from pyarrow import parquet
-
-    data = yaml.safe_load(mapping.read_text())
-    for part, mark in (("cells", ","), ("parcels", " ")):
-        text = mapping.parent / data[part]["file"]
-        _, head, *rows = text.read_text().splitlines()
-        columns = np.array([[float(each) for each in row.split(mark)] for row in rows]).T
-        table = pyarrow.table(dict(zip(head.split(mark), columns, strict=True)))
-        file = text.with_suffix(".parquet")
-        parquet.write_table(table, file, write_page_checksum=True)
-        text.unlink()
-        for key in ("header_line", "delimiter"):
-            data[part].pop(key, None)
-        data[part]["file"] = file.name
-    mapping.write_text(yaml.safe_dump(data))
-    return mapping
