@@ -92,26 +92,29 @@ def write_elements(file: Path, kind: int, corners: Any) -> Path:
     return _zone(file, kind, corners, np.arange(len(corners)), 1, fields, points=False)
 
 
+_FORMS = {"f8": "R8", "f4": "R4", "i4": "I4"}
+
+
+def node(parent: Any, name: str, label: str, data: Any = None, form: str = "MT") -> Any:
+    """Node of CGNS: a group with attributes, and its data, of a text or an array."""
+    made, values = parent.create_group(name, track_order=True), None
+    if isinstance(data, str):
+        form, values = "C1", np.frombuffer(data.encode(), "i1")
+    elif data is not None:
+        values = np.asarray(data)
+        values = values.astype("i4") if values.dtype.kind == "i" else values
+        form = _FORMS[values.dtype.str[1:]]
+    for key, text, size in (("name", name, 33), ("label", label, 33), ("type", form, 3)):
+        made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
+    made.attrs["flags"] = np.array([1], "i4")
+    if values is not None:
+        made[" data"] = values
+    return made
+
+
 def _zone(
     file: Path, kind: int, places: Any, nodes: Any, cells: int, fields: Any, *, points: bool
 ) -> Path:
-    kinds = {"f8": "R8", "f4": "R4", "i4": "I4"}
-
-    def node(parent: Any, name: str, label: str, data: Any = None) -> Any:
-        made = parent.create_group(name, track_order=True)
-        form, values = "MT", None
-        if isinstance(data, str):
-            form, values = "C1", np.frombuffer(data.encode(), "i1")
-        elif data is not None:
-            values = np.asarray(data)
-            form = kinds[values.dtype.str[1:]]
-        for key, text, size in (("name", name, 33), ("label", label, 33), ("type", form, 3)):
-            made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
-        made.attrs["flags"] = np.array([1], "i4")
-        if values is not None:
-            made[" data"] = values
-        return made
-
     with h5py.File(file, "w", track_order=True) as root:
         for key, text, size in (
             ("name", "HDF5 MotherNode", 33),
@@ -122,15 +125,15 @@ def _zone(
         root[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", "i1")
         root[" hdf5version"] = np.frombuffer(b"HDF5 Version 1.8.17".ljust(33, b"\0"), "i1")
         node(root, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([3.3], "f4"))
-        base = node(root, "Base", "CGNSBase_t", np.array([3, 3], "i4"))
-        zone = node(base, "Zone", "Zone_t", np.array([[len(places)], [cells], [0]], "i4"))
+        base = node(root, "Base", "CGNSBase_t", [3, 3])
+        zone = node(base, "Zone", "Zone_t", np.array([[len(places)], [cells], [0]]))
         node(zone, "ZoneType", "ZoneType_t", "Unstructured")
         held = node(zone, "GridCoordinates", "GridCoordinates_t")
         for letter, column in zip("XYZ", places.T, strict=True):
             node(held, f"Coordinate{letter}", "DataArray_t", column.astype("f8"))
-        part = node(zone, "Hexahedra", "Elements_t", np.array([kind, 0], "i4"))
-        node(part, "ElementRange", "IndexRange_t", np.array([1, cells], "i4"))
-        node(part, "ElementConnectivity", "DataArray_t", (nodes + 1).astype("i4"))
+        part = node(zone, "Hexahedra", "Elements_t", [kind, 0])
+        node(part, "ElementRange", "IndexRange_t", [1, cells])
+        node(part, "ElementConnectivity", "DataArray_t", nodes + 1)
         solution = node(zone, "Solution", "FlowSolution_t")
         node(solution, "GridLocation", "GridLocation_t", "Vertex" if points else "CellCenter")
         for name, values in fields.items():

@@ -13,7 +13,6 @@ import pytest
 from cldit.cfd.case import Cloud, Column
 from cldit.cfd.formats import read_case
 from cldit.cfd.importing import cfd_spray
-from cldit.cfd.names import other_fuels
 from cldit.cfd.one_state import check_parcels
 from cldit.cfd.plausible import check_one_liquid
 from cldit.errors import SprayError
@@ -384,10 +383,6 @@ def test_shares_that_are_no_second_liquid() -> None:
         check_one_liquid(cloud(jet(), **{"C7H16(l)": whole}), fuel)
     with pytest.raises(SprayError, match=r"parcels of C12H26 \(up to 1\); allowed: parcels of C7"):
         check_one_liquid(cloud(jet(), **{"C12H26(l)": whole}), "C7H16")
-
-
-def test_another_fuel_is_another_formula() -> None:
-    assert other_fuels(["c7h16", "Y_C7H16", "MASSFRAC_C7H16", "IC8H18", "T"], "C7H16") == ["IC8H18"]
 
 
 def test_times_of_a_collection_that_go_back_are_reported(tmp_path: Path) -> None:

@@ -220,7 +220,7 @@ def test_heads_that_end_the_process(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(("packing", "bits"), [(0, 32), (1, 64), (2, 32), (3, 64)])
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended", "AppendedBase64"])
 @pytest.mark.parametrize(
     ("name", "count", "true"),
@@ -228,9 +228,12 @@ def test_heads_that_end_the_process(
      ("rain.vtp", "NumberOfPoints", 40), ("rain.vtp", "NumberOfVerts", 40)],
 )  # fmt: skip
 def test_counts_are_those_of_the_arrays(
-    tmp_path: Path, name: str, count: str, true: int, mode: str, packed: bool
+    tmp_path: Path, name: str, count: str, true: int, mode: str, packing: int, bits: int
 ) -> None:
-    """vtk reads as many cells or points as the head says, and omits the rest without a word."""
+    """vtk reads as many cells or points as the head says, and omits the rest without a word.
+
+    packing: none, zlib, lz4, lzma; bits of the numbers in the heads of arrays.
+    """
     from vtkmodules import vtkIOXML
     from vtkmodules.vtkFiltersCore import vtkAppendFilter
     from vtkmodules.vtkFiltersSources import vtkPointSource
@@ -257,7 +260,8 @@ def test_counts_are_those_of_the_arrays(
     writer.SetInputData(source)
     getattr(writer, f"SetDataModeTo{mode.removesuffix('Base64')}")()
     writer.SetEncodeAppendedData(mode.endswith("64"))
-    writer.SetCompressorTypeToZLib() if packed else writer.SetCompressorTypeToNone()
+    writer.SetCompressorType(packing)
+    writer.SetHeaderType(bits)
     writer.Write()
     check_head(file)
     content = file.read_bytes()
