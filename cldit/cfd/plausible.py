@@ -8,6 +8,7 @@ from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.names import formula, fuel_of, is_liquid, molar_mass_kg_mol, species_in
+from cldit.cfd.tolerances import SLACK
 from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -44,7 +45,7 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
     liquid = False
     for name, column in cloud.extra.items():
         species, values = species_in(name), np.asarray(column.values, np.float64)
-        if species is not None and values.min() >= -1e-3 and SECOND < values.max() <= 1.0 + 1e-3:
+        if species is not None and values.min() >= -SLACK and SECOND < values.max() <= 1.0 + SLACK:
             parts[species] = column
             liquid = liquid or is_liquid(name)
     total = np.sum([part.values for part in parts.values()], axis=0)

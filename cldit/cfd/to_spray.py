@@ -26,6 +26,7 @@ from cldit.cfd.plausible import (
 )
 from cldit.cfd.sectors import Pose, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
+from cldit.cfd.tolerances import SLACK
 from cldit.constants import AVOGADRO_PER_MOL, GAS_CONSTANT_J_mol_K
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
 from cldit.io.origin import files_read
@@ -37,7 +38,6 @@ from cldit.spray.spray_file import read_spray
 
 AIR_KG_MOL = 0.02885  # dry air, for a case without rho, which does not state its gas
 
-_OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; clipped
 _NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
 _LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
@@ -203,7 +203,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
             raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {available}")
     temperature = _within(case, "T", low=1.0, high=5000.0, hint="T is a temperature in K")
     hint = "it must be the mass fraction of the fuel's vapour (spray.fuel_field)"
-    stored = _within(case, spec.fuel_field, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint)
+    stored = _within(case, spec.fuel_field, low=-SLACK, high=1.0 + SLACK, hint=hint)
     fraction = stored.astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
