@@ -75,7 +75,10 @@ def _faces(part: Polyhedra, faces: Labels) -> Floats:
     for kind in np.flatnonzero(np.bincount(size)).tolist():
         indices = np.flatnonzero(size == kind)
         corners = part.corners[begin[indices] + np.arange(kind)[:, None]]
-        polygons[:, :, indices] = _polygons(part.points_m, corners)
+        group = _polygons(part.points_m, corners)
+        if len(indices) == len(faces):
+            return group
+        polygons[:, :, indices] = group
     return polygons
 
 
@@ -119,7 +122,7 @@ def measure(part: Polyhedra) -> Iterator[tuple[Ints, NDArray[np.int8], Measures]
         outward = side >= 0
         # most faces are those of two cells
         distinct, of_side = np.unique(np.where(outward, side, -1 - side), return_inverse=True)
-        faces = _faces(part, distinct)[:, :, of_side]
+        faces = np.take(_faces(part, distinct), of_side, axis=2)
         faces[1][:, ~outward] *= -1.0
         yield chosen, *_cells(faces, sizes, at)
         done = stop
