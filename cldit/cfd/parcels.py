@@ -1,7 +1,5 @@
 """Parcels of a case: range checks, omission of impossible ones, spreading over a ball."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from cldit.arrays import Floats, Mask
@@ -108,12 +106,3 @@ def only(cloud: Cloud, kept: Mask) -> Cloud:
     )
     place = Column(cloud.position_m.label, cloud.position_m.values[kept])
     return Cloud(cloud.name, place, fields, extra)
-
-
-def copied(parcels: Parcels, position_m: Floats, copy: Callable[[Floats, int], Floats]) -> Parcels:
-    """Copies of parcels at other places (N, 3), by np.repeat (in a row) or np.tile (in turn);
-    without velocities, which copies may have turned."""
-    times = len(position_m) // max(len(parcels.diameter_m), 1)
-    size, droplets = copy(parcels.diameter_m, times), copy(parcels.droplets, times)
-    temperature, density = copy(parcels.temperature_K, times), copy(parcels.density_kg_m3, times)
-    return Parcels(position_m, size, droplets, temperature, density)

@@ -1,4 +1,7 @@
-"""Limits on totals and between fields: values that are possible one by one, in another unit."""
+"""Limits on totals and between fields, of values that are possible one by one, in another unit.
+
+Assumptions where a case does not state a figure are reported and kept in the run.
+"""
 
 from collections.abc import Mapping
 
@@ -7,7 +10,15 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
-from cldit.cfd.names import formula, fuel_of, is_liquid, molar_mass_kg_mol, species_in
+from cldit.cfd.names import (
+    SAME_MOLAR_MASS,
+    formula,
+    fuel_of,
+    is_liquid,
+    molar_mass_kg_mol,
+    similar,
+    species_in,
+)
 from cldit.cfd.tolerances import SLACK
 from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
@@ -119,3 +130,31 @@ def gas_remarks(
         f"The density is {1 + off:.3g} times that of an ideal gas of air and fuel at T and p "
         f"({span}){hint}.",
     )
+
+
+def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
+    """Lists the assumptions that replace figures which the case lacks, a sentence each."""
+    remarks = []
+    if "rho" not in case.gas and "p" in case.gas:
+        close = ", ".join(map(repr, similar("rho", set(case.available) - set(case.gas))))
+        hint = f" (if it is {close}, name it in a mapping file)" if close else ""
+        p = case.gas["p"].values
+        span = f"{p.min():.4g} to {p.max():.4g} Pa"
+        used = f"that of an ideal gas of air and fuel at T and p ({span}) was used"
+        remarks.append(f"{case.source}: no density 'rho' among the cell fields{hint}: {used}.")
+    if "rho" in case.gas and "p" not in case.gas:
+        effect = "the density was not compared with that of an ideal gas"
+        remarks.append(f"{case.source}: no pressure among the cell fields: {effect}.")
+    if case.time_s is None:
+        caveat = "" if case.cloud is None else "; gas and parcels were not compared by theirs"
+        remarks.append(f"{case.source}: does not state its time{caveat}.")
+    fuel, stated = fuel_of(spec), molar_mass_kg_mol(spec.fuel_field)
+    if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > SAME_MOLAR_MASS:
+        used = f"Molar mass of {spec.fuel_field}: {spec.fuel_molar_mass_kg_mol:g} kg/mol, as given"
+        remarks.append(f"{used}; by its formula it is {stated:.6g} (spray.fuel_molar_mass_kg_mol).")
+    if stated is None:
+        reason = f"the name of the field {spec.fuel_field} is no formula (spray.fuel_field)"
+        remarks.append(f"Fuel {fuel}, {spec.fuel_molar_mass_kg_mol:.6g} kg/mol: {reason}.")
+    elif fuel != "n-heptane":
+        remarks.append(f"Fuel {fuel}, {spec.fuel_molar_mass_kg_mol:.6g} kg/mol.")
+    return tuple(remarks)

@@ -1,7 +1,6 @@
 """Completion of a partial case: sectors by rotation, half cases by mirroring."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import chain, product
 
 import numpy as np
@@ -11,7 +10,6 @@ from cldit.cfd.case import Boundary, CfdCase, triple
 from cldit.cfd.mesh.cells import CellMesh
 from cldit.cfd.one_state import check_layers
 from cldit.cfd.orientation import Frame, cross_matrix
-from cldit.cfd.parcels import copied
 from cldit.cfd.tolerances import SLACK
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray, Sector
@@ -49,9 +47,11 @@ def completed_parcels(parcels: Parcels, poses: Sequence[Pose]) -> Parcels:
         places.append((parcels.position_m - origin) @ rotation.T)
         if parcels.velocity_m_s is not None:
             velocities.append(parcels.velocity_m_s @ rotation.T)
-    completed = copied(parcels, np.concatenate(places), np.tile)
+    scalars = parcels.diameter_m, parcels.droplets, parcels.temperature_K, parcels.density_kg_m3
+    size, droplets, temperature, density = (np.tile(values, len(poses)) for values in scalars)
     velocity = np.concatenate(velocities) if velocities else None
-    return replace(completed, velocity_m_s=velocity)
+    place = np.concatenate(places)
+    return Parcels(place, size, droplets, temperature, density, velocity_m_s=velocity)
 
 
 def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
@@ -211,10 +211,10 @@ def azimuth_span(
         span = float(np.degrees(2 * np.pi - gaps[widest]))
         if span > enough_deg:
             return span, False
-    nearest, widest_m, near = np.full(2, np.inf), np.zeros(2), 2 * np.pi / _BINS
+    nearest, widest_m, width_rad = np.full(2, np.inf), np.zeros(2), 2 * np.pi / _BINS
     for angle, radius in polar():
         for side, edge in enumerate(ends):
-            on = radius[np.abs((angle - edge + np.pi) % (2 * np.pi) - np.pi) < near]
+            on = radius[np.abs((angle - edge + np.pi) % (2 * np.pi) - np.pi) < width_rad]
             nearest[side] = min(nearest[side], on.min(initial=np.inf))
             widest_m[side] = max(widest_m[side], on.max(initial=0.0))
     return span, bool(np.all(widest_m > 1.5 * nearest))

@@ -9,15 +9,15 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd import one_state
-from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
-from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels
+from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels, with_molar_mass
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only
 from cldit.cfd.plausible import (
     SECOND,
+    assumptions,
     check_one_liquid,
     check_totals,
     freezing_K,

@@ -69,7 +69,7 @@ def _polygons(points_m: AnyFloats, corners: Labels) -> Floats:
 
 
 def _faces(part: Polyhedra, faces: Labels) -> Floats:
-    """Faces (F,) of a mesh as `_polygons` has them; those with as many corners are done together."""
+    """Faces (F,) of a mesh as `_polygons` has them; those of as many corners together."""
     begin, size = part.start[faces], part.start[faces + 1] - part.start[faces]
     polygons = np.empty((4, 3, len(faces)))
     for kind in np.flatnonzero(np.bincount(size)).tolist():

@@ -97,7 +97,7 @@ def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
 def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
     """Mean temperature of the walls that are held at one fixed temperature each; else None.
 
-    The boundary stands at the end of a file, after the values of its cells. None also where it is
+    The boundary is at the end of a file, after the values of its cells. None also where it is
     not known: values that differ from face to face, packed files.
     """
     field = find_foam(root.path / folder / "T")

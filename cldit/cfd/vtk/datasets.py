@@ -125,12 +125,8 @@ def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
     else:
         kinds = as_numpy(grid.GetCellTypes())
     nodes, offsets = lists_of(grid.GetCells())
-    points, faces, locations = (
-        points_of(grid),
-        grid.GetPolyhedronFaces(),
-        grid.GetPolyhedronFaceLocations(),
-    )
-    solids = None
+    faces, locations = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
+    points, solids = points_of(grid), None
     if faces is not None and locations is not None and locations.GetNumberOfCells():
         sides, first = lists_of(locations)
         solids = Polyhedra(points, *lists_of(faces), first, sides, np.arange(count))
