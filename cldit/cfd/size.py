@@ -7,8 +7,8 @@ from cldit.errors import SprayError
 from cldit.io.free_memory import free_bytes
 
 # Measured with `python -m tests.bench imports`: bytes in addition to the reader's.
-_ROW = 180  # of a parcel or cell: ten doubles, twice while they are put together, and masks
-WHILE_READING = 2.0  # that vtk takes at its peak for one that is stored: 1.4 of XML, 2 of HDF5
+_ROW = 160  # of a parcel or cell: ten doubles, twice while they are put together
+WHILE_READING = {"xml": 1.4, "hdf": 2.0}  # that vtk takes at its peak for one that is stored
 _ANYWAY = 200e6  # for some cells at a time, whatever the case
 
 

@@ -81,7 +81,7 @@ def composite_size(file: Path) -> Size:
         cells = sum(int(np.sum(array[()])) for array in counts if "Types" in array.parent)
         counts = [array for array in arrays if array.name.endswith("/NumberOfPoints")]
         points = sum(int(np.sum(array[()])) for array in counts if "Types" not in array.parent)
-    return Size(cells, points, WHILE_READING * stored)
+    return Size(cells, points, WHILE_READING["hdf"] * stored)
 
 
 def times_in(file: Path) -> tuple[float, ...]:

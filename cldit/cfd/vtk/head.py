@@ -92,7 +92,7 @@ def vtk_size(file: Path, *, fields: int) -> Size:
     if file.suffix == ".vtk":  # binary: nine integers a cell that become nine of twice the size
         return Size(stored // 70, 0, 2.0 * stored)
     points, cells = piece_counts(file)
-    read = WHILE_READING * stored
+    read = WHILE_READING["xml"] * stored
     if file.suffix == ".vtp":
         return Size(0, points, max(read, points * (12 + 4 * fields)))
     # corners, their offset, the type; coordinates may be double, and so may fields
