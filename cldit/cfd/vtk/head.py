@@ -52,7 +52,7 @@ def _xml(file: Path, stream: BinaryIO) -> tuple[list[Tag], Tag | None]:
         parser.Parse(b"", True)
     except StopIteration:
         return tags[:-1], tags[-1]
-    except expat.ExpatError as error:
+    except (expat.ExpatError, LookupError, ValueError) as error:  # an encoding that is none
         stream.seek(0)
         if (bad := _BAD_NAME.search(stream.read(AT_ONCE))) is not None:
             raise SprayError(
@@ -80,7 +80,7 @@ def piece_counts(file: Path) -> tuple[int, int]:
 
 def _extent(text: str) -> list[tuple[int, int]]:
     """First and last index of a grid by rows along each axis; none if they are no numbers."""
-    if not re.fullmatch(r"[-\d\s]+", text):
+    if not re.fullmatch(r"\s*(?:-?\d+\s+)*-?\d+\s*", text):
         return []
     ends = [int(word) for word in text.split()]
     return list(zip(ends[::2], ends[1::2], strict=False))
@@ -238,7 +238,7 @@ def _words(stream: BinaryIO, at: int) -> int:
 
 
 def _check_counts(file: Path, tags: list[Tag], size: int) -> None:
-    kind = tags[0][1].get("type") if tags[0][0] == "VTKFile" else None
+    kind = tags[0][1].get("type") if tags and tags[0][0] == "VTKFile" else None
     if kind != _KINDS[file.suffix]:
         problem = "no VTK file in XML" if kind is None else f"of type {kind}"
         raise SprayError(f"{file}: is {problem}; expected by its name: {_KINDS[file.suffix]}")
@@ -246,11 +246,11 @@ def _check_counts(file: Path, tags: list[Tag], size: int) -> None:
         counts = {k: v for k, v in attributes.items() if k.startswith("NumberOf") or k == "offset"}
         for name, digits in counts.items():
             limit = _MOST_COMPONENTS if name.endswith("Components") else _MOST_PACKED * size
-            if not digits.strip().isdecimal() or int(digits[:20]) > limit:
+            if not digits.strip().isdecimal() or int(digits.strip()[:20]) > limit:
                 raise _damaged(file, f"{name} is {digits!a}")
         if int(counts.get("NumberOfCells", 0)) and not int(counts.get("NumberOfPoints", 1)):
             raise _damaged(file, "cells without points")
-    grid = next(attributes for name, attributes, _ in tags if name == kind)
+    grid = next((attributes for name, attributes, _ in tags if name == kind), {})
     if file.suffix == ".vti":
         _check_spacing(file, grid.get("Spacing", ""))
     extents = [
