@@ -32,7 +32,8 @@ def cell_arrays(grid: Any, *names: str) -> list[Any]:
     sizes: Any = vtkCellSizeFilter()
     sizes.SetInputData(grid)
     sizes.Update()
-    data, convert = sizes.GetOutput().GetCellData(), numpy_support.vtk_to_numpy
+    data: Any = sizes.GetOutput().GetCellData()
+    convert: Any = numpy_support.vtk_to_numpy
     return [convert(data.GetArray(name)) for name in ("Volume", *names)]
 
 
