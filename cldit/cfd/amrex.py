@@ -15,7 +15,7 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
 from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud, only_claimant
-from cldit.cfd.inputs import regular, text_of
+from cldit.cfd.inputs import HEAD_BYTES, regular, text_of
 from cldit.cfd.mapping.columns import Fields, mapped_cloud
 from cldit.cfd.mapping.file import ColumnMap, ParcelColumns
 from cldit.cfd.mesh.cells import AnyFloats
@@ -23,6 +23,7 @@ from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
+from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -54,8 +55,6 @@ _REALS = {  # form and order of bytes in the head of a FAB
     b"((8, (32 8 23 0 1 9 0 127)),(4, (4 3 2 1)))": "<f4",
     b"((8, (32 8 23 0 1 9 0 127)),(4, (1 2 3 4)))": ">f4",
 }
-_HEAD = 1_000  # bytes, above those of a FAB's head: the form of its reals and nine integers
-_ROUNDED = 1e-6  # relative: Cell_H has ranges of doubles; floats differ by 2^-24 = 6e-8
 
 
 @dataclass(frozen=True)
@@ -248,7 +247,7 @@ def _values(grid: _Grid, names: Sequence[str], part: int) -> AnyFloats:
     shape = (grid.high - grid.low + 1 + 2 * grid.grown)[::-1]
     with open_regular(regular(file)) as stream:
         stream.seek(begin)
-        head = _FAB.match(stream.read(_HEAD))
+        head = _FAB.match(stream.read(HEAD_BYTES))
         box = None if head is None else _BOX.search(head.group(2).decode("latin-1"))
         if head is None or box is None or head.group(1) not in _REALS:
             raise _damaged(file, f"no FAB of 4 or 8 bytes a number at {begin}")
@@ -267,7 +266,8 @@ def _values(grid: _Grid, names: Sequence[str], part: int) -> AnyFloats:
     values = np.frombuffer(content, number).reshape(shape)[inner, inner, inner]
     extremes = np.array([values.min(), values.max()], np.float64)
     stated = grid.ranges[:, part]
-    if np.any(np.abs(extremes - stated) > _ROUNDED * np.abs(stated).max()):
+    # Cell_H has ranges of doubles; floats differ by 2^-24 = 6e-8
+    if np.any(np.abs(extremes - stated) > ROUNDED * np.abs(stated).max()):
         shown, right = (f"{low:.9g} to {high:.9g}" for low, high in (extremes, stated))
         raise _damaged(file, f"{names[part]} at {begin} is {shown}, by Cell_H {right}")
     return values.reshape(-1).astype(values.dtype.newbyteorder("="))

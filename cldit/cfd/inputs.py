@@ -8,7 +8,8 @@ from cldit.io.extras import needed
 from cldit.io.files import check_regular, read_text
 from cldit.io.free_memory import free_bytes
 
-_AT_ONCE = 1 << 22  # bytes; what is read may exceed the limit of the memory by so much
+AT_ONCE = 1 << 22  # bytes of a file, or rows of an array: some ten megabytes are in work
+HEAD_BYTES = 10_000  # in which a header ends: OpenFOAM's has some 20 short lines, others fewer
 _SHARE = 3  # text is held twice while it is put together, and its numbers beside it
 
 
@@ -44,7 +45,7 @@ def content(stream: Any, path: Path, size: int | None = None) -> bytes:
     parts: list[bytes] = []
     have = 0
     while size is None or have < size:
-        part = stream.read(_AT_ONCE if size is None else min(_AT_ONCE, size - have))
+        part = stream.read(AT_ONCE if size is None else min(AT_ONCE, size - have))
         if not part:
             break
         parts.append(part)

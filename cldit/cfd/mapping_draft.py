@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from cldit.io.files import write_text
 from cldit.io.plain_data import yaml_value
 from cldit.scene.spray import CfdSpray
 
-TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")
+TABLES = (".csv", ".txt", ".tsv", ".dpm")
 # note for the user on each key
 _GAS_NOTES = {
     "temperature": "needed",
@@ -64,41 +63,40 @@ def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
     if out.exists():
         raise SprayError(f"{out}: exists already (--write-mapping); give another name")
     table = spec.format is None and spec.file.is_file() and spec.file.suffix.lower() in TABLES
-    draft = _of_table(spec) if table else _of_case(spec)
     beside = os.path.relpath(spec.file.resolve().parent, out.resolve().parent)
-    content = "\n".join(draft.lines(beside)) + "\n"
+    lines = _of_table(spec, beside) if table else _of_case(spec, beside)
+    content = "\n".join(lines) + "\n"
     write_text(out, content)
     missing = [line.strip(" #") for line in content.splitlines() if "# not found" in line]
     return [str(out), *(f"  not found: {line.partition(':')[0]}" for line in missing)]
 
 
-@dataclass(frozen=True)
-class Draft:
-    """Names that were found, and all names of the gas and of the parcels (None: no parcels).
+def _lines(
+    title: str,
+    mapping: ColumnMap,
+    fields: Sequence[str],
+    parcel_fields: Sequence[str] | None,
+    beside: str,
+    *,
+    tables: bool,
+) -> Iterator[str]:
+    """Lines of a mapping file that reads as `mapping`, whose paths begin at `beside`.
 
-    tables: with positions and sizes.
+    fields, parcel_fields: all names of the gas and of the parcels (None: no parcels); tables: with
+    positions and sizes.
     """
-
-    title: str
-    mapping: ColumnMap
-    fields: Sequence[str]
-    parcel_fields: Sequence[str] | None
-    tables: bool
-
-    def lines(self, beside: str) -> Iterator[str]:
-        """Lines of a mapping file that reads as `mapping`, whose paths begin at `beside`."""
-        places = _TABLE_NOTES if self.tables else {}
-        yield f"# {self.title}"
-        yield "# Remove the # of a line to use it, and correct names and units."
-        if self.mapping.time_s is not None:
-            yield f"time_s: {self.mapping.time_s!r}"
-        elif self.tables:
-            yield "# time_s: 0.001"
-        yield from _section("cells", self.mapping.cells, places | _GAS_NOTES, self.fields, beside)
-        if self.parcel_fields is not None or self.tables:
-            notes = {k: v for k, v in places.items() if k == "position"} | _PARCEL_NOTES
-            parcels = self.mapping.parcels or ParcelColumns()
-            yield from _section("parcels", parcels, notes, self.parcel_fields or (), beside)
+    places = _TABLE_NOTES if tables else {}
+    yield f"# {title}"
+    yield "# Remove the # of a line to use it, and correct names and units."
+    if mapping.time_s is not None:
+        yield f"time_s: {mapping.time_s!r}"
+    elif tables:
+        yield "# time_s: 0.001"
+    yield from _section("cells", mapping.cells, places | _GAS_NOTES, fields, beside)
+    if parcel_fields is not None or tables:
+        notes = {k: v for k, v in places.items() if k == "position"} | _PARCEL_NOTES
+        parcels = mapping.parcels or ParcelColumns()
+        yield from _section("parcels", parcels, notes, parcel_fields or (), beside)
 
 
 def _section(
@@ -149,7 +147,8 @@ def _plain(value: Any, si: str) -> Any:
     return plain
 
 
-def _of_case(spec: CfdSpray) -> Draft:
+def _of_case(spec: CfdSpray, beside: str) -> Iterator[str]:
+    """Draft of a mapping for a case, from the names by which it is read."""
     kind = find_format(spec)
     if kind == "cldit":
         raise SprayError(f"{spec.file}: cldit's own file needs no mapping")
@@ -171,10 +170,10 @@ def _of_case(spec: CfdSpray) -> Draft:
             )
             mapping = mapping.model_copy(update={"parcels": merged(override.parcels, names)})
     title = f"Names of {spec.file} ({kind}) for `cldit import --mapping`"
-    return Draft(title, mapping, listing.fields, parcels, kind == "tables")
+    return _lines(title, mapping, listing.fields, parcels, beside, tables=kind == "tables")
 
 
-def _of_table(spec: CfdSpray) -> Draft:
+def _of_table(spec: CfdSpray, beside: str) -> Iterator[str]:
     """Draft of a mapping for tables, from the names of one table."""
     file = spec.file.resolve()
     names, place = table_names(file, CellColumns()), Path(file.name)
@@ -202,9 +201,10 @@ def _of_table(spec: CfdSpray) -> Draft:
             if key in parcels:
                 parcels.pop(alternative, None)
         mapping = ColumnMap(parcels=ParcelColumns(file=place, **parcels))
-        return Draft(title, mapping, [], names, tables=True)
+        return _lines(title, mapping, [], names, beside, tables=True)
     cells = scalars({**GAS, "fuel": fuel})
     cells |= {"position": vector("position"), "size": vector("size")}
     if cells["size"] is not None:
         cells.pop("volume", None)
-    return Draft(title, ColumnMap(cells=CellColumns(file=place, **cells)), names, [], tables=True)
+    mapping = ColumnMap(cells=CellColumns(file=place, **cells))
+    return _lines(title, mapping, names, [], beside, tables=True)

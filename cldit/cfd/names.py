@@ -123,3 +123,16 @@ def fuel_of(spec: CfdSpray) -> str:
     heptane = abs(spec.fuel_molar_mass_kg_mol / HEPTANE_MOLAR_MASS_kg_mol - 1.0) < SAME_MOLAR_MASS
     formula_match = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
     return _FUELS.get(name, "n-heptane" if heptane and not formula_match else spec.fuel_field)
+
+
+def with_molar_mass(spec: CfdSpray) -> CfdSpray:
+    """Sets the molar mass by the formula of the fuel's field, unless it is given or n-heptane's."""
+    stated = molar_mass_kg_mol(spec.fuel_field)
+    default = CfdSpray.model_fields["fuel_molar_mass_kg_mol"].default
+    if (
+        stated is None
+        or spec.fuel_molar_mass_kg_mol != default
+        or abs(stated / default - 1) < SAME_MOLAR_MASS
+    ):
+        return spec
+    return spec.model_copy(update={"fuel_molar_mass_kg_mol": stated})

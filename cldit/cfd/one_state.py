@@ -18,11 +18,11 @@ from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
 from cldit.cfd.names import IDENTITY, TIME, is_mark, normalised
 from cldit.cfd.parcels import only
-from cldit.cfd.times import TIME_TOLERANCE
+from cldit.cfd.tolerances import ROUNDED, SLACK, WRITTEN
 from cldit.errors import SprayError
 
-_NEAR = 1e-3  # of the smallest edge; centroids of distinct cells are farther apart
-_SLACK = 1e-3  # of the volume of the box around a mesh
+_FEW = 20  # rows, or values of a column: fewer may look alike by chance
+_SAMPLE = 20_000  # rows or cells that are looked at; bounds the time of a check
 
 
 def _shown(value: object) -> str:
@@ -54,7 +54,7 @@ def check_times(times_s: Mapping[Path, float]) -> None:
     """Refuses files of one state that state different times."""
     (oldest, begin), *later = sorted(times_s.items(), key=lambda pair: pair[1]) or [(Path(), 0.0)]
     for file, time in later:
-        if abs(time - begin) > TIME_TOLERANCE * max(abs(time), abs(begin)):
+        if abs(time - begin) > ROUNDED * max(abs(time), abs(begin)):
             raise SprayError(
                 f"{oldest}: states the time {begin:.9g}, {file} the time {time:.9g}; allowed: gas "
                 "and parcels of one time; keep the files of one time"
@@ -112,23 +112,22 @@ def _check_copies(cloud: Cloud) -> None:
         )
 
 
-_MASS_SHARE, _LARGER = 0.2, 5.0  # of one parcel: share of the liquid, and times the second largest
-_FEW_PARCELS = 20  # fewer parcels may differ as much by chance
+_LARGER = 5.0  # times the next largest size or mass of a parcel, and a fifth of all liquid
 
 
 def _check_summary(cloud: Cloud) -> None:
     """Refuses a row with as many droplets as all others, or with far more liquid than each."""
     count, mass = cloud.fields["nParticle"].values, cloud.masses
-    if len(mass) < _FEW_PARCELS:
+    if len(mass) < _FEW:
         return
     row = int(np.argmax(count))
-    total = bool(np.isclose(2.0 * count[row], count.sum(), rtol=1e-5))
+    total = bool(np.isclose(2.0 * count[row], count.sum(), rtol=WRITTEN))
     if not total:
         row = int(np.argmax(mass))
         second_mass = float(np.partition(mass, -2)[-2])
         size = cloud.fields["d"].values
         blob = 1.0 <= size[row] / np.delete(size, row).max() < _LARGER  # before its breakup
-        if blob or mass[row] < max(_MASS_SHARE * mass.sum(), _LARGER * second_mass):
+        if blob or mass[row] < max(mass.sum() / _LARGER, _LARGER * second_mass):
             return
     fault = "as many droplets as all others together" if total else "far more liquid than any other"
     raise SprayError(
@@ -138,11 +137,8 @@ def _check_summary(cloud: Cloud) -> None:
     )
 
 
-_FEW, _MANY = 20, 50  # values of a column of identities; of another column whose values recur
-_MOST_ROWS = 100_000  # that are compared, all of some values; bounds the time of the check
 _TIMES_IN = 10  # times of which other columns than identities tell
 _MOST_PAIRS = 0.95  # of pairs of rows that must have a property of one parcel at two times
-_DIGITS = 1e-5  # relative to the leading digit: tables have six significant digits or more
 _SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injected together
 
 
@@ -154,13 +150,13 @@ def _check_tracks(cloud: Cloud) -> str | None:
     """
     for column, keys, is_int in _keys(cloud):
         values = column.values
-        share = np.uint64(1 + len(values) // _MOST_ROWS)  # all rows of some values are enough
+        share = np.uint64(1 + len(values) // _SAMPLE)  # all rows of some values are enough
         rows = np.flatnonzero((keys.view(np.uint64) * _HASH[0] >> np.uint64(33)) % share == 0)
         _, group, counts = np.unique(keys[rows], return_inverse=True, return_counts=True)
         groups, often = len(counts), float(np.median(counts)) if len(counts) else 0.0
         equal = is_int and often == counts.min(initial=len(rows)) == counts.max(initial=0)
         recurring = int(counts[counts > 1].sum()) > len(rows) // (10 if is_int else 2)
-        tracklike = groups >= _MANY and 2 <= often <= _TIMES_IN
+        tracklike = 2 <= often <= _TIMES_IN
         if groups < _FEW or not recurring or not (is_int or tracklike):
             continue
         sample, alike = only(cloud, np.isin(np.arange(len(keys)), rows)), equal and often <= groups
@@ -194,7 +190,7 @@ def _keys(cloud: Cloud) -> Iterator[tuple[Column, Floats, bool]]:
             yield column, values, is_int
             if not is_int:
                 size = np.abs(np.where(values == 0.0, 1.0, values))
-                step = _DIGITS * 10.0 ** np.floor(np.log10(size))
+                step = WRITTEN * 10.0 ** np.floor(np.log10(size))
                 yield column, np.rint(values / step) * step, is_int
 
 
@@ -223,7 +219,7 @@ def _track_rows(
     if age is not None and not _mostly(age[later] > age[earlier]):
         return None
     varied = any(len(np.unique(values)) > len(values) // 20 for values in (count, size))
-    alike = np.isclose(count[earlier], count[later], rtol=_DIGITS, atol=0.0)
+    alike = np.isclose(count[earlier], count[later], rtol=WRITTEN, atol=0.0)
     falls = size[later] <= 1.1 * size[earlier]
     if equal:
         ordered = age is not None or velocity is not None
@@ -266,7 +262,7 @@ def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: 
     """Refuses cells `cells` (N,) of centroids centre_m (N, 3) of which two fill one place."""
     if len(cells) < 2:
         return
-    step = _NEAR * max(float(np.cbrt(volume_m3.min())), 1e-12)
+    step = SLACK * max(float(np.cbrt(volume_m3.min())), 1e-12)
     # an irrational shift: centroids of regular grids do not lie between two places
     places = centre_m / step
     places += np.sqrt(0.5)
@@ -291,7 +287,6 @@ def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: 
 
 
 _FEWEST = 4  # covered cells; the centroid of a single dented cell may lie in its neighbour
-_MOST = 20_000  # cells that are looked at, the largest and some of all
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 
 
@@ -301,21 +296,22 @@ def _covered(
     """Index of a cell that others cover, and of one of these, and the number of such cells.
 
     A box along the axes is covered if centroids of others, no larger, lie in it; another cell if
-    smaller ones in the box of its volume have its volume and centroid, as refined ones do.
+    smaller ones in the box of its volume have its volume and centroid, as refined ones do. Of many
+    cells the largest and some of all are looked at.
     """
     count = len(cells)
     rows = np.arange(count)
-    if count > _MOST:
-        largest = np.argpartition(volume_m3, -_MOST // 2)[-_MOST // 2 :]
-        rows = np.union1d(largest, rows[:: 2 * count // _MOST])
+    if count > _SAMPLE:
+        largest = np.argpartition(volume_m3, -_SAMPLE // 2)[-_SAMPLE // 2 :]
+        rows = np.union1d(largest, rows[:: 2 * count // _SAMPLE])
     cell = case.mesh.measure(cells[rows])
     edges = cell.upper_m - cell.lower_m
     filled = cell.volume_m3 / edges.prod(axis=1)
-    exact = filled > 1.0 - _SLACK
+    exact = filled > 1.0 - SLACK
     if isinstance(case.mesh, BoxMesh):  # cubes of a volume may have had another shape
-        exact &= np.ptp(edges, axis=1) > _SLACK * edges.max(axis=1)
+        exact &= np.ptp(edges, axis=1) > SLACK * edges.max(axis=1)
     middle = np.where(exact[:, None], (cell.lower_m + cell.upper_m) / 2, cell.centroid_m)
-    half = edges * (np.cbrt(filled) * (1.0 - _NEAR) / 2)[:, None]
+    half = edges * (np.cbrt(filled) * (1.0 - SLACK) / 2)[:, None]
     inside, moment, cover = np.zeros(len(rows)), np.zeros((len(rows), 3)), np.full(len(rows), -1)
     for box, point in _contained(middle, half, centre_m):
         smaller = volume_m3[point] <= np.where(exact[box], 1.01, 0.6) * cell.volume_m3[box]
@@ -357,7 +353,7 @@ def check_volume(mesh: CellMesh, volume_m3: float) -> None:
     """Refuses cells that are larger together than the box around all of them."""
     low, high = mesh.extent_m
     box_m3 = float(np.prod(high - low))
-    if not isinstance(mesh, BoxMesh) and volume_m3 > (1.0 + _SLACK) * box_m3:
+    if not isinstance(mesh, BoxMesh) and volume_m3 > (1.0 + SLACK) * box_m3:
         raise SprayError(
             f"{mesh.source}: the cells have {volume_m3:.4g} m3 together, the box around them "
             f"{box_m3:.4g} m3, so some overlap; allowed: each place in one cell (export without "
@@ -365,19 +361,18 @@ def check_volume(mesh: CellMesh, volume_m3: float) -> None:
         )
 
 
-_LAYER = 1e-5  # of the width: centroids of one layer of cells lie in a plane
-_SAMPLE = 2_000  # cells: a mesh with 1 % of them off a layer passes once in 0.99^-2000 = 5e8 times
-
-
 def check_layers(mesh: CellMesh) -> None:
-    """Refuses a mesh of one layer of cells, a run in two dimensions."""
+    """Refuses a mesh of one layer of cells, whose centroids lie in a plane: a run in 2D.
+
+    A mesh with a thousandth of its cells off the plane passes once in 0.999^-20,000 = 5e8 times.
+    """
     cells = np.unique(np.random.default_rng(1).integers(0, mesh.cells, _SAMPLE))
     if len(cells) < 8:
         return
     cell = mesh.measure(cells)
     middle = cell.centroid_m - cell.centroid_m.mean(axis=0)
     _, widths, axes = np.linalg.svd(middle, full_matrices=False)
-    if widths[2] < _LAYER * widths[0]:
+    if widths[2] < WRITTEN * widths[0]:
         edge = float(np.min((cell.upper_m - cell.lower_m) @ np.abs(axes[2])))
         raise SprayError(
             f"{mesh.source}: its cells form one layer, {edge:.3g} m thick along {triple(axes[2])}: "

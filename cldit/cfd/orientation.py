@@ -20,7 +20,7 @@ _SNAP_DEG = 10.0  # the mean velocity of a noisy spray is no better known than t
 _ONE_NOZZLE_M = 5e-3  # holes of one injector lie closer together than that
 _YOUNG = 100  # parcels from which the nozzle is taken
 _FEWEST = 8  # for a parabola through them
-_SHARE = 0.1  # of the liquid's length: largest error of an inferred nozzle
+_SHARE = 0.1  # of the liquid's length: largest error of an inferred nozzle; of another error: none
 _ENDED = 0.05  # of the oldest age: if the youngest parcel is older, the injection has ended
 _AFTER_END_m = 1e-3  # largest error of a nozzle that is inferred after the end of injection
 
@@ -240,28 +240,29 @@ def _snapped(vector: Floats, within_deg: float) -> Floats:
     return axis
 
 
-_EXACT_m = 1e-4  # error of a nozzle that needs no look at further times
-_TRIED = (1.0, 0.5, 0.25, 0.75, 0.0)  # places in the row of times, in this order
-
-
 def with_one_frame(
     spec: CfdSpray, times: Sequence[float], *, watch: Watch = silent
 ) -> tuple[CfdSpray, tuple[str, ...]]:
     """Fixes nozzle and axis at the time that gives them best, so that all images of a series match.
 
-    Returns the case, and remarks; unchanged if they are given or the file is cldit's own.
+    Looks at the last time, the one in the middle, at a quarter and so on, until one has no error,
+    or an unimportant one. Returns the case, and remarks; unchanged if they are given or the file is
+    cldit's own.
     """
     if find_format(spec) == "cldit" or (spec.nozzle_m is not None and spec.axis is not None):
         return spec, ()
     frames: list[Frame] = []
     problems: list[SprayError] = []
-    for at in dict.fromkeys(round(place * (len(times) - 1)) for place in _TRIED):
-        dated = spec.model_copy(update={"time_s": times[at]})
+    places = [len(times) - 1]
+    while places[-1] > 0:
+        places.append(places[-1] // 2)
+    for place in places:
+        dated = spec.model_copy(update={"time_s": times[place]})
         try:
             frames.append(find_frame(dated, read_case(dated, watch)))
         except SprayError as error:
             problems.append(error)
-        if frames and frames[-1].error_m <= _EXACT_m:
+        if frames and frames[-1].error_m <= _SHARE * _AFTER_END_m:
             break
     if not frames:
         raise problems[0]

@@ -1,12 +1,10 @@
 """Parcels of a case: range checks, omission of impossible ones, spreading over a ball."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
 from cldit.arrays import Floats, Mask
 from cldit.cfd.case import Cloud, Column, triple
+from cldit.cfd.tolerances import WRITTEN
 from cldit.errors import SprayError
 from cldit.spray.result import Parcels
 
@@ -19,20 +17,12 @@ _LIMITS = {
 }
 
 
-@dataclass(frozen=True)
-class CheckedParcels:
-    """Parcels in the case's coordinates; kept: mask of the cloud's parcels, (N,)."""
-
-    parcels: Parcels
-    kept: Mask
-    remarks: tuple[str, ...]
-
-
 def check_parcels(
     cloud: Cloud, lower_m: Floats, upper_m: Floats, *, share: float, coldest_K: float
-) -> CheckedParcels:
+) -> tuple[Parcels, Mask, tuple[str, ...]]:
     """Omits parcels with impossible values or outside the mesh's bounding box, lower_m to upper_m.
 
+    Returns parcels in the case's coordinates, a mask of those that are kept, (N,), and remarks.
     Liquid below coldest_K, the freezing point, is impossible. More than `share` of their number,
     or of the mass, is an error. Up to half may be dummies, of diameter or number zero.
     """
@@ -47,7 +37,7 @@ def check_parcels(
             value = f"{column.values[bad]:g} (entry {bad}) is outside {minimum:g}..{maximum:g}"
             wrong.append((outside, f"{column.label}: {value}; {hint}"))
     position = cloud.position_m
-    slack = 1e-5 * float((upper_m - lower_m).max())  # float32 in either file
+    slack = WRITTEN * float((upper_m - lower_m).max())  # float32 in either file
     low, high = position.values >= lower_m - slack, position.values <= upper_m + slack
     beyond = ~np.all(low & high, axis=1)
     if beyond.any():
@@ -73,7 +63,7 @@ def check_parcels(
     if vector is not None and np.isfinite(vector.values[kept]).all():
         velocity = np.asarray(vector.values[kept], np.float64)
     parcels = Parcels(where, size, droplets, temperature, density, velocity_m_s=velocity)
-    return CheckedParcels(parcels, kept, remarks)
+    return parcels, kept, remarks
 
 
 def _mass_share(cloud: Cloud, beyond: Mask, wrong: list[tuple[Mask, str]]) -> float:
@@ -116,12 +106,3 @@ def only(cloud: Cloud, kept: Mask) -> Cloud:
     )
     place = Column(cloud.position_m.label, cloud.position_m.values[kept])
     return Cloud(cloud.name, place, fields, extra)
-
-
-def copied(parcels: Parcels, position_m: Floats, copy: Callable[[Floats, int], Floats]) -> Parcels:
-    """Copies of parcels at other places (N, 3), by np.repeat (in a row) or np.tile (in turn);
-    without velocities, which copies may have turned."""
-    times = len(position_m) // max(len(parcels.diameter_m), 1)
-    size, droplets = copy(parcels.diameter_m, times), copy(parcels.droplets, times)
-    temperature, density = copy(parcels.temperature_K, times), copy(parcels.density_kg_m3, times)
-    return Parcels(position_m, size, droplets, temperature, density)

@@ -1,4 +1,7 @@
-"""Limits on totals and between fields: values that are possible one by one, in another unit."""
+"""Limits on totals and between fields, of values that are possible one by one, in another unit.
+
+Assumptions where a case does not state a figure are reported and kept in the run.
+"""
 
 from collections.abc import Mapping
 
@@ -7,7 +10,16 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
-from cldit.cfd.names import formula, fuel_of, is_liquid, molar_mass_kg_mol, species_in
+from cldit.cfd.names import (
+    SAME_MOLAR_MASS,
+    formula,
+    fuel_of,
+    is_liquid,
+    molar_mass_kg_mol,
+    similar,
+    species_in,
+)
+from cldit.cfd.tolerances import SLACK
 from cldit.constants import ZERO_CELSIUS_K, STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -21,13 +33,12 @@ _FREEZING_K = {
     "NC7H16": 182.6, "C8H18": 165.8, "NC8H18": 216.4, "C10H22": 243.5, "C12H26": 263.5,
     "NC12H26": 263.5, "C16H34": 291.3, "C14H30": 279.0,
 }  # fmt: skip
-_COLDEST_K = 60.0  # of a fuel that is not in the table
 
 
 def freezing_K(spec: CfdSpray) -> float:
-    """Freezing point of the fuel, or that of the lowest."""
+    """Freezing point of the fuel; of one that is not in the table, the lowest of the table."""
     name = "C7H16" if fuel_of(spec) == "n-heptane" else formula(spec.fuel_field)
-    return _FREEZING_K.get(name, _COLDEST_K)
+    return _FREEZING_K.get(name, min(_FREEZING_K.values()))
 
 
 def is_fuel(field: str) -> bool:
@@ -36,7 +47,7 @@ def is_fuel(field: str) -> bool:
 
 
 _GASES = {"N2", "O2", "CO2", "CO"}
-_LEAST = 0.01  # share of the liquid: a second component
+SECOND = 0.01  # share of the liquid, or of the fuel's largest mass fraction: a second fuel
 
 
 def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
@@ -45,11 +56,11 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
     liquid = False
     for name, column in cloud.extra.items():
         species, values = species_in(name), np.asarray(column.values, np.float64)
-        if species is not None and values.min() >= -1e-3 and _LEAST < values.max() <= 1.0 + 1e-3:
+        if species is not None and values.min() >= -SLACK and SECOND < values.max() <= 1.0 + SLACK:
             parts[species] = column
             liquid = liquid or is_liquid(name)
     total = np.sum([part.values for part in parts.values()], axis=0)
-    if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < _LEAST)):
+    if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < SECOND)):
         return  # of the gas around the parcels, or something else
     fuel = formula(fuel_field)
     foreign = {name: part for name, part in parts.items() if fuel not in name and name not in fuel}
@@ -119,3 +130,31 @@ def gas_remarks(
         f"The density is {1 + off:.3g} times that of an ideal gas of air and fuel at T and p "
         f"({span}){hint}.",
     )
+
+
+def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
+    """Lists the assumptions that replace figures which the case lacks, a sentence each."""
+    remarks = []
+    if "rho" not in case.gas and "p" in case.gas:
+        close = ", ".join(map(repr, similar("rho", set(case.available) - set(case.gas))))
+        hint = f" (if it is {close}, name it in a mapping file)" if close else ""
+        p = case.gas["p"].values
+        span = f"{p.min():.4g} to {p.max():.4g} Pa"
+        used = f"that of an ideal gas of air and fuel at T and p ({span}) was used"
+        remarks.append(f"{case.source}: no density 'rho' among the cell fields{hint}: {used}.")
+    if "rho" in case.gas and "p" not in case.gas:
+        effect = "the density was not compared with that of an ideal gas"
+        remarks.append(f"{case.source}: no pressure among the cell fields: {effect}.")
+    if case.time_s is None:
+        caveat = "" if case.cloud is None else "; gas and parcels were not compared by theirs"
+        remarks.append(f"{case.source}: does not state its time{caveat}.")
+    fuel, stated = fuel_of(spec), molar_mass_kg_mol(spec.fuel_field)
+    if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > SAME_MOLAR_MASS:
+        used = f"Molar mass of {spec.fuel_field}: {spec.fuel_molar_mass_kg_mol:g} kg/mol, as given"
+        remarks.append(f"{used}; by its formula it is {stated:.6g} (spray.fuel_molar_mass_kg_mol).")
+    if stated is None:
+        reason = f"the name of the field {spec.fuel_field} is no formula (spray.fuel_field)"
+        remarks.append(f"Fuel {fuel}, {spec.fuel_molar_mass_kg_mol:.6g} kg/mol: {reason}.")
+    elif fuel != "n-heptane":
+        remarks.append(f"Fuel {fuel}, {spec.fuel_molar_mass_kg_mol:.6g} kg/mol.")
+    return tuple(remarks)

@@ -1,7 +1,6 @@
 """Completion of a partial case: sectors by rotation, half cases by mirroring."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from itertools import chain, product
 
 import numpy as np
@@ -11,35 +10,26 @@ from cldit.cfd.case import Boundary, CfdCase, triple
 from cldit.cfd.mesh.cells import CellMesh
 from cldit.cfd.one_state import check_layers
 from cldit.cfd.orientation import Frame, cross_matrix
-from cldit.cfd.parcels import copied
+from cldit.cfd.tolerances import SLACK
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray, Sector
 from cldit.spray.result import Parcels
 
 _PART_DEG = 185.0  # a mesh that spans less about its axis is a part; a box of few cells spans 270
-_NEAR_AXIS = 1e-3  # share of the mesh's width; azimuths of points nearer to the axis mean little
 _ANGLE_DEG = 0.5  # by which the mesh may differ from the sector that is said
 
 
-@dataclass(frozen=True)
-class Copy:
-    """Copy of the case: a place x becomes turn (x - origin_m); turn (3, 3), origin_m (3,)."""
-
-    turn: Floats
-    origin_m: Floats
-
-    def into(self, frame: Frame) -> tuple[Floats, Floats]:
-        """Origin (3,) and matrix (3, 3) of the way from the case to the project's frame."""
-        # frame.rotation (turn (x - origin) - nozzle)
-        origin = self.origin_m + self.turn.T @ frame.nozzle_m
-        return origin, frame.rotation @ self.turn
+Pose = tuple[Floats, Floats]
+"""Origin (3,) and matrix (3, 3): a place x of the case is matrix (x - origin) in cldit's frame."""
 
 
-_ITSELF = Copy(np.eye(3), np.zeros(3))
+def _pose(frame: Frame, turn: Floats, centre_m: Floats) -> Pose:
+    """Pose of a copy of the case that is turned (3, 3), or mirrored, about a centre (3,)."""
+    return centre_m - turn.T @ centre_m + turn.T @ frame.nozzle_m, frame.rotation @ turn
 
 
-def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
-    """Copies that make the case whole, itself first, and remarks; refuses a part unsaid."""
+def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
+    """Poses of the copies that make the case whole, itself first, and remarks; refuses a part."""
     if spec.sector is not None and spec.symmetry is not None:
         raise SprayError("spray.sector and spray.symmetry are both given; allowed: one of them")
     if spec.sector is not None:
@@ -47,29 +37,30 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     if spec.symmetry is not None:
         return _mirrored(spec.symmetry, case, frame)
     _refuse_part(case, frame)
-    return (_ITSELF,), ()
+    return ((frame.nozzle_m, frame.rotation),), ()
 
 
-def completed_parcels(parcels: Parcels, frame: Frame, poses: Sequence[Copy]) -> Parcels:
+def completed_parcels(parcels: Parcels, poses: Sequence[Pose]) -> Parcels:
     """Parcels of all copies in the project's frame; each copy has the masses of the case."""
     places, velocities = [], []
-    for copy in poses:
-        origin, rotation = copy.into(frame)
+    for origin, rotation in poses:
         places.append((parcels.position_m - origin) @ rotation.T)
         if parcels.velocity_m_s is not None:
             velocities.append(parcels.velocity_m_s @ rotation.T)
-    completed = copied(parcels, np.concatenate(places), np.tile)
+    scalars = parcels.diameter_m, parcels.droplets, parcels.temperature_K, parcels.density_kg_m3
+    size, droplets, temperature, density = (np.tile(values, len(poses)) for values in scalars)
     velocity = np.concatenate(velocities) if velocities else None
-    return replace(completed, velocity_m_s=velocity)
+    place = np.concatenate(places)
+    return Parcels(place, size, droplets, temperature, density, velocity_m_s=velocity)
 
 
-def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
+def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
     centre = frame.nozzle_m if sector.centre_m is None else np.array(sector.centre_m)
     axis = frame.axis if sector.axis is None else np.array(sector.axis)
     axis = axis / np.linalg.norm(axis)
     count = round(360.0 / sector.angle_deg)
     if count == 1:
-        return (_ITSELF,), ()
+        return ((frame.nozzle_m, frame.rotation),), ()
     span, _ = azimuth_span(case.mesh, centre, axis)
     if abs(span - sector.angle_deg) > _ANGLE_DEG:
         raise SprayError(
@@ -81,22 +72,22 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     poses = []
     for angle in (2 * np.pi * n / count for n in range(count)):  # Rodrigues
         turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-        poses.append(Copy(turn, centre - turn.T @ centre))
+        poses.append(_pose(frame, turn, centre))
     summary = f"A sector of {sector.angle_deg:g} degrees, completed by {count} rotations"
     return tuple(poses), (f"{summary}: masses times {count}.",)
 
 
 def _mirrored(
     normals: Sequence[str], case: CfdCase, frame: Frame
-) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
+) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
     if not normals:
-        return (_ITSELF,), ()
+        return ((frame.nozzle_m, frame.rotation),), ()
     low, high = case.mesh.extent_m
     names = sorted(set(normals))
     axes = ["xyz".index(name) for name in names]
     for name, at in zip(names, axes, strict=True):
         place = frame.nozzle_m[at]
-        if min(place - low[at], high[at] - place) > _NEAR_AXIS * float((high - low).max()):
+        if min(place - low[at], high[at] - place) > SLACK * float((high - low).max()):
             plane = f"the plane {name} = {place:g} m through the nozzle (spray.symmetry)"
             raise SprayError(
                 f"{case.mesh.source}: is on both sides of {plane}; allowed: planes that bound it"
@@ -105,7 +96,7 @@ def _mirrored(
     for signs in product((1.0, -1.0), repeat=len(axes)):
         turn = np.eye(3)
         turn[axes, axes] = signs
-        poses.append(Copy(turn, frame.nozzle_m - turn.T @ frame.nozzle_m))
+        poses.append(_pose(frame, turn, frame.nozzle_m))
     remark = f"Mirrored in {' and '.join(names)} at the nozzle: masses times {len(poses)}."
     return tuple(poses), (remark,)
 
@@ -133,7 +124,7 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
     for patch in case.boundaries:
         if patch.kind not in ("symmetry", "symmetryPlane"):
             continue
-        through = abs(float((frame.nozzle_m - patch.place_m) @ patch.normal)) < _NEAR_AXIS * width
+        through = abs(float((frame.nozzle_m - patch.place_m) @ patch.normal)) < SLACK * width
         along = abs(float(frame.axis @ patch.normal)) < 1e-3
         if patch.normal.any() and through and along:
             raise SprayError(
@@ -178,7 +169,6 @@ def _plane_way(normal: Floats) -> str:
 
 _SPARSE = 61  # a prime: no common factor with the points of a row or a cell
 _BINS = 36_000  # of azimuth, 0.01 degrees each; gaps narrower than one are no gaps
-_PLANE = 1e-4  # radians by which points of a plane through the axis may miss it
 
 
 def azimuth_span(
@@ -195,7 +185,8 @@ def azimuth_span(
     radial /= np.linalg.norm(radial)
     across = np.stack([radial, np.cross(axis, radial)], axis=1)
     box = np.array(list(product(*zip(*mesh.extent_m, strict=True))))
-    nearest_m = _NEAR_AXIS * float(np.linalg.norm((box - centre_m) @ across, axis=1).max())
+    # azimuths of points nearer to the axis mean little
+    nearest_m = SLACK * float(np.linalg.norm((box - centre_m) @ across, axis=1).max())
 
     def polar(stride: int = 1) -> Iterator[tuple[Floats, Floats]]:
         for points in mesh.points():
@@ -220,10 +211,10 @@ def azimuth_span(
         span = float(np.degrees(2 * np.pi - gaps[widest]))
         if span > enough_deg:
             return span, False
-    nearest, widest_m = np.full(2, np.inf), np.zeros(2)
+    nearest, widest_m, width_rad = np.full(2, np.inf), np.zeros(2), 2 * np.pi / _BINS
     for angle, radius in polar():
         for side, edge in enumerate(ends):
-            on = radius[np.abs((angle - edge + np.pi) % (2 * np.pi) - np.pi) < _PLANE]
+            on = radius[np.abs((angle - edge + np.pi) % (2 * np.pi) - np.pi) < width_rad]
             nearest[side] = min(nearest[side], on.min(initial=np.inf))
             widest_m[side] = max(widest_m[side], on.max(initial=0.0))
     return span, bool(np.all(widest_m > 1.5 * nearest))

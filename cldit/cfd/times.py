@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 
+from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 
 CaseTime = float | str  # a number, `latest`, or `nearest` and a number (cldit.scene.values)
-TIME_TOLERANCE = 1e-6  # relative; OpenFOAM writes times with six digits, foamToVTK as float32
 
 
 def wanted_time(requested: CaseTime | None) -> tuple[float | None, bool]:
@@ -18,7 +18,7 @@ def wanted_time(requested: CaseTime | None) -> tuple[float | None, bool]:
 
 
 def choose_time(source: str, times: Iterable[float], requested: CaseTime | None) -> float:
-    """Returns the time asked for, else the latest; a number must match within `TIME_TOLERANCE`."""
+    """Returns the time asked for, else the latest; a number must match within `ROUNDED`."""
     steps = sorted(set(times))
     if not steps:
         raise SprayError(f"{source}: no time with results")
@@ -26,7 +26,7 @@ def choose_time(source: str, times: Iterable[float], requested: CaseTime | None)
     if number is None:
         return steps[-1]
     best = min(steps, key=lambda time: abs(time - number))
-    if not nearest and abs(best - number) > max(TIME_TOLERANCE * abs(number), 1e-15):
+    if not nearest and abs(best - number) > max(ROUNDED * abs(number), 1e-15):
         shown = ", ".join(f"{time:.7g}" for time in steps[:20]) + (", ..." if steps[20:] else "")
         raise SprayError(
             f"{source}: no time {number:g} s (spray.time_s); available: {shown}; the nearest is "

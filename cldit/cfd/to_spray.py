@@ -9,22 +9,24 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd import one_state
-from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
-from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels
+from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels, with_molar_mass
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only
 from cldit.cfd.plausible import (
+    SECOND,
+    assumptions,
     check_one_liquid,
     check_totals,
     freezing_K,
     gas_remarks,
     is_fuel,
 )
-from cldit.cfd.sectors import Copy, completed_parcels, copies
+from cldit.cfd.sectors import Pose, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
+from cldit.cfd.tolerances import SLACK
 from cldit.constants import AVOGADRO_PER_MOL, GAS_CONSTANT_J_mol_K
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
 from cldit.io.origin import files_read
@@ -36,12 +38,10 @@ from cldit.spray.spray_file import read_spray
 
 AIR_KG_MOL = 0.02885  # dry air, for a case without rho, which does not state its gas
 
-_OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; clipped
 _NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
 _LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
 _PRESSURE_Pa = (1e4, 5e7)  # of engines and chambers; a gauge pressure is often below
-_SECOND = 0.01  # of the fuel's largest mass fraction: a second fuel
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
 
 
@@ -107,27 +107,28 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     accepted = one_state.judged(case.accept, {"times": lambda: one_state.check_times(case.times_s)})
     _check_size(case)
     gas = _gas(spec, case)
-    checked = None
+    parcels, kept, omitted = None, np.ones(0, dtype=bool), tuple[str, ...]()
     if case.cloud is not None:
-        share, coldest_K = spec.parcels_left_out, freezing_K(spec)
-        checked = check_parcels(case.cloud, *case.mesh.extent_m, share=share, coldest_K=coldest_K)
-        cloud = only(case.cloud, checked.kept)
+        share, coldest_K, extent_m = spec.parcels_left_out, freezing_K(spec), case.mesh.extent_m
+        parcels, kept, omitted = check_parcels(
+            case.cloud, *extent_m, share=share, coldest_K=coldest_K
+        )
+        cloud = only(case.cloud, kept)
         accepted += one_state.check_parcels(cloud, case.accept)
         case = replace(case, cloud=cloud)
     frame = find_frame(spec, case)
     poses, completed = copies(spec, case, frame)
-    vapour, jet_m, cell_remarks = _vapour(spec, case, gas, frame, poses, watch)
+    vapour, jet_m, cell_remarks = _vapour(spec, case, gas, poses, watch)
     accepted += cell_remarks
-    parcels = None
-    if checked is not None:
-        parcels = completed_parcels(checked.parcels, frame, poses)
+    if parcels is not None:
+        parcels = completed_parcels(parcels, poses)
         check_downstream(spec, parcels, frame)
     notes = _notes(case, gas, parcels, vapour, frame)
     farthest = None if case.cloud is None else farthest_m(case.cloud, 0.95)
     if farthest is not None:
         notes["liquid_path_m"] = farthest
-    if checked is not None and not checked.kept.all():
-        notes["parcels_left_out"] = float(np.sum(~checked.kept))
+    if not kept.all():
+        notes["parcels_left_out"] = float(np.sum(~kept))
     if len(poses) > 1:
         notes["copies"] = float(len(poses))
     if np.isfinite(jet_m):
@@ -141,7 +142,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         liquids = partial(check_one_liquid, case.cloud, spec.fuel_field)
         accepted += one_state.judged(case.accept, {"liquids": liquids})
     _check_one_fuel(spec, case, gas, foreign)
-    gas_alone = checked is None and spec.cloud != NO_CLOUD
+    gas_alone = parcels is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
         *accepted,
@@ -149,7 +150,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         *gas.remarks,
         *((f"{case.source}: no parcels in it: gas alone.",) if gas_alone else ()),
         *((f"Other fuels, not read: {', '.join(foreign)}.",) if foreign else ()),
-        *(() if checked is None else checked.remarks),
+        *omitted,
         *time_remarks(case.time_s, spec.time_s),
         *frame.remarks,
         *completed,
@@ -166,7 +167,7 @@ def _check_one_fuel(spec: CfdSpray, case: CfdCase, gas: _Gas, foreign: Sequence[
         if column.label == case.gas[spec.fuel_field].label:
             continue  # a mapping file gives it
         highest = float(np.nanmax(column.values))
-        if highest > _SECOND * float(gas.mass_fraction.max()):
+        if highest > SECOND * float(gas.mass_fraction.max()):
             raise SprayError(
                 f"{spec.file}: two fuels: {spec.fuel_field}, up to {gas.mass_fraction.max():.3g}, "
                 f"and {name}, up to {highest:.3g}; allowed: one fuel, as mass, liquid, vapour and "
@@ -202,7 +203,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
             raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {available}")
     temperature = _within(case, "T", low=1.0, high=5000.0, hint="T is a temperature in K")
     hint = "it must be the mass fraction of the fuel's vapour (spray.fuel_field)"
-    stored = _within(case, spec.fuel_field, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint)
+    stored = _within(case, spec.fuel_field, low=-SLACK, high=1.0 + SLACK, hint=hint)
     fraction = stored.astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
@@ -239,7 +240,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
 
 
 def _vapour(
-    spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, poses: Sequence[Copy], watch: Watch
+    spec: CfdSpray, case: CfdCase, gas: _Gas, poses: Sequence[Pose], watch: Watch
 ) -> tuple[Vapour, float, tuple[str, ...]]:
     """Vapour in cldit's frame, its penetration along the axis [m] (NaN if none), and remarks.
 
@@ -247,7 +248,6 @@ def _vapour(
     the case. Cells with a negligible share are omitted, some thousands at a time; the cells of all
     copies refer to the same gas.
     """
-    frames = [copy.into(frame) for copy in poses]
     total, depth, filled, count = 0.0, -np.inf, 0.0, 0
     share = _NEGLIGIBLE / case.mesh.cells
     # room for all cells takes no memory where it is not written
@@ -266,7 +266,7 @@ def _vapour(
         lower[place], upper[place] = cells.centroid_m[kept], (cells.upper_m - cells.lower_m)[kept]
         count += len(kept)
         jet = cells.centroid_m[gas.mass_fraction[chosen] > _EDGE_OF_JET]
-        for origin, rotation in frames:
+        for origin, rotation in poses:
             depth = max(depth, float(((origin - jet) @ rotation[2]).max(initial=-np.inf)))
     enough = gas.number_density_m3[cell[:count]] * volume[:count] > share * total
     selected: slice | Labels = slice(count) if enough.all() else np.flatnonzero(enough)
@@ -279,7 +279,7 @@ def _vapour(
     accepted = one_state.judged(case.accept, {"cells": check_cells})
     if len(poses) > 1:
         lower, upper = (np.tile(values, (len(poses), 1)) for values in (lower, upper))
-    for copy, (origin, rotation) in enumerate(frames):
+    for copy, (origin, rotation) in enumerate(poses):
         for part in slices(len(cell)):
             place = slice(copy * len(cell) + part.start, copy * len(cell) + part.stop)
             centre, half = (lower[place] - origin) @ rotation.T, upper[place] @ np.abs(rotation).T

@@ -11,14 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
-from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
+from cldit.cfd.ensight.file import Item, Reader, read_case_file
 from cldit.cfd.ensight.geometry import read_geometry
 from cldit.cfd.ensight.variable import corner_mean, read_variable
 from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
 from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
 from cldit.cfd.mesh_parts import with_point_fields
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import TIME_TOLERANCE, choose_time
+from cldit.cfd.times import choose_time
+from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -30,29 +31,29 @@ _MEASURED = ("scalar per measured node", "vector per measured node")
 
 def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of a .case file, or of the only one in a folder."""
-    case = read_case_file(case_path(spec.file))
-    fuel_field = spec.fuel_field
-    items = {item.name: item for item in case.items if item.kind == "scalar per node"}
-    items |= {item.name: item for item in case.items if item.kind == "scalar per element"}
+    path, fuel_field = case_path(spec.file), spec.fuel_field
+    entries = read_case_file(path)
+    items = {item.name: item for item in entries if item.kind == "scalar per node"}
+    items |= {item.name: item for item in entries if item.kind == "scalar per element"}
     cells = gas_names(names.cells, items, fuel_field)
     fields = sorted(columns_of(cells) & set(items))
-    at = None
-    if times(case):
-        common = _common_times(case, [items[name] for name in fields], spec.cloud)
-        at = choose_time(str(case.path), common, spec.time_s)
-    model = _file(case, _model(case), at)
-    check_room(model, _size(model, [_file(case, items[name], at) for name in fields]))
+    clouds, at = {} if spec.cloud == NO_CLOUD else _clouds(path, entries), None
+    if times(entries):
+        common = _common_times(path, entries, [items[name] for name in fields], clouds)
+        at = choose_time(str(path), common, spec.time_s)
+    model = _file(path, _model(path, entries), at)
+    check_room(model, _size(model, [_file(path, items[name], at) for name in fields]))
     watch("reading the mesh", 0, 1)
     geometry = Reader(model)
     solid = read_geometry(geometry)
     geometry.close()
     mesh = solid.mesh
-    files = [case.path, geometry.path]
+    files = [path, geometry.path]
     columns = {name: Column("", np.empty(0)) for name in items}
     points: dict[str, Column] = {}
     for number, name in enumerate(fields):
         watch(f"reading {name}", number, len(fields))
-        reader = Reader(_file(case, items[name], at), binary=geometry.binary, order=geometry.order)
+        reader = Reader(_file(path, items[name], at), binary=geometry.binary, order=geometry.order)
         label = f"{reader.path}: field {name}"
         files.append(reader.path)
         at_nodes = items[name].kind == "scalar per node"
@@ -63,28 +64,37 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             del columns[name]
     mean = partial(corner_mean, solid.blocks)
     fields_in_cells, moved = with_point_fields(columns, points, cells, mean)
-    cloud, read = _cloud(spec.cloud, case, at, names, geometry)
+    measured = any(item.kind in _MEASURED for item in entries)
+    if not clouds and measured and spec.cloud != NO_CLOUD:
+        raise SprayError(f"{path}: GEOMETRY: no `measured` file for the parcels")
+    only_one = spec.cloud == "measured" and len(clouds) == 1
+    chosen = choose_cloud(str(path), clouds, None if only_one else spec.cloud)
+    cloud = None
+    if chosen is not None:
+        cloud, read = _cloud(path, chosen, *clouds[chosen], at, names, geometry)
+        files += read
     remarks = [f"Ghost or blanked cells omitted: {solid.hidden}."] if solid.hidden else []
     if moved:
-        remarks.append(f"{case.path}: {', '.join(moved)} at nodes became means over cells.")
+        remarks.append(f"{path}: {', '.join(moved)} at nodes became means over cells.")
     return CfdCase(
-        source=str(case.path),
+        source=str(path),
         time_s=at,
         mesh=mesh,
-        gas=gas_columns(Source(str(case.path), fields_in_cells, mesh.cells), cells, fuel_field),
+        gas=gas_columns(Source(str(path), fields_in_cells, mesh.cells), cells, fuel_field),
         available=tuple(sorted(fields_in_cells)),
         cloud=cloud,
-        files=(*files, *read),
+        files=tuple(files),
         remarks=tuple(remarks),
     )
 
 
 def list_ensight(spec: CfdSpray) -> Listing:
     """Lists times [s], fields of cells and nodes, and clouds with their fields."""
-    case = read_case_file(case_path(spec.file))
-    kinds = ("scalar per element", "scalar per node")
-    fields = [item.name for item in case.items if item.kind in kinds]
-    return times(case), fields, {name: list(by_name) for name, (_, by_name) in clouds(case).items()}
+    path = case_path(spec.file)
+    entries, kinds = read_case_file(path), ("scalar per element", "scalar per node")
+    fields = [item.name for item in entries if item.kind in kinds]
+    clouds = {name: list(by_name) for name, (_, by_name) in _clouds(path, entries).items()}
+    return times(entries), fields, clouds
 
 
 def case_path(path: Path) -> Path:
@@ -97,24 +107,28 @@ def case_path(path: Path) -> Path:
     return only_claimant("the EnSight case", files)
 
 
-def times(case: CaseFile) -> list[float]:
+def times(entries: Sequence[Item]) -> list[float]:
     """Times at which any file of the case is written."""
-    distinct = {time for item in case.items for time, _ in case.files(item) if time is not None}
-    return sorted(distinct)
+    return sorted({time for item in entries for time in item.times})
 
 
-def _common_times(case: CaseFile, gas: Sequence[Item], cloud: str | None) -> list[float]:
-    """Times at which the gas is written, and the parcels unless `none` is asked for."""
-    drops = {} if cloud == NO_CLOUD else clouds(case)
-    parcels = [item for place, fields in drops.values() for item in (place, *fields.values())]
-    sets = {item.name: [t for t, _ in case.files(item) if t is not None] for item in gas}
-    sets |= {f"parcels' {i.name}": [t for t, _ in case.files(i) if t is not None] for i in parcels}
+Clouds = dict[str, tuple[Item, dict[str, Item]]]
+"""Positions of each cloud, and its fields by name."""
+
+
+def _common_times(
+    path: Path, entries: Sequence[Item], gas: Sequence[Item], clouds: Clouds
+) -> list[float]:
+    """Times at which gas and clouds are written."""
+    parcels = [item for place, fields in clouds.values() for item in (place, *fields.values())]
+    sets = {item.name: item.times for item in gas}
+    sets |= {f"parcels' {item.name}": item.times for item in parcels}
     written = {name: steps for name, steps in sets.items() if steps}
     if not written:
-        return times(case)
+        return times(entries)
 
     def has(steps: list[float], time: float) -> bool:
-        return any(abs(step - time) <= TIME_TOLERANCE * max(abs(time), 1e-9) for step in steps)
+        return any(abs(step - time) <= ROUNDED * max(abs(time), 1e-9) for step in steps)
 
     base = next(iter(written.values()))
     common = [time for time in base if all(has(steps, time) for steps in written.values())]
@@ -123,22 +137,22 @@ def _common_times(case: CaseFile, gas: Sequence[Item], cloud: str | None) -> lis
             f"{name} at {', '.join(f'{t:g}' for t in steps[:5])}" for name, steps in written.items()
         )
         raise SprayError(
-            f"{case.path}: TIME: no time at which all fields are written: {shown}; export them at "
+            f"{path}: TIME: no time at which all fields are written: {shown}; export them at "
             f"the same times, or spray.cloud: {NO_CLOUD} for gas alone"
         )
     return sorted(common)
 
 
-def _model(case: CaseFile) -> Item:
-    models = [item for item in case.items if item.kind == "model"]
+def _model(path: Path, entries: Sequence[Item]) -> Item:
+    models = [item for item in entries if item.kind == "model"]
     if len(models) != 1:
-        raise SprayError(f"{case.path}: GEOMETRY: {len(models)} entries 'model', expected one")
+        raise SprayError(f"{path}: GEOMETRY: {len(models)} entries 'model', expected one")
     return models[0]
 
 
-def _file(case: CaseFile, item: Item, at: float | None) -> Path:
-    """File of an item at a time; a mesh is valid until the next one."""
-    files = case.files(item)
+def _file(path: Path, item: Item, at: float | None) -> Path:
+    """File of an item of the case `path` at a time; a mesh is valid until the next one."""
+    files = item.files
     if files[0][0] is None or at is None:
         return files[-1][1]
     if item.kind == "model":
@@ -148,7 +162,7 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
     for time, file in files:
         if time is not None:
             by_time.setdefault(time, []).append(file)
-    time = choose_time(f"{case.path}: {item.name}", by_time, at)
+    time = choose_time(f"{path}: {item.name}", by_time, at)
     return only_claimant(f"{item.name} at time {time:g}", by_time[time])
 
 
@@ -164,41 +178,39 @@ def _size(geometry: Path, fields: list[Path]) -> Size:
     return Size(largest // (4 if binary else 13), 0, (2.5 if binary else 7.0) * stored)
 
 
-def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
-    """Positions of each cloud, and its fields by name.
+def _clouds(path: Path, entries: Sequence[Item]) -> Clouds:
+    """Clouds of a case.
 
     The particles are one cloud, `measured`. foamToEnsight names a cloud by the folder of its files,
     and its fields by the cloud's number and the field: `c0d` in `lagrangian/sprayCloud`.
     """
-    by_cloud: dict[str, tuple[Item, dict[str, Item]]] = {}
-    fields = [item for item in case.items if item.kind in _MEASURED]
-    for position in (item for item in case.items if item.kind == "measured"):
-        folder = Path(position.pattern).parent
+    by_cloud: Clouds = {}
+    fields = [item for item in entries if item.kind in _MEASURED]
+    for position in (item for item in entries if item.kind == "measured"):
+        folder = position.files[0][1].parent
         foam = folder.parent.name == "lagrangian"
-        members = [item for item in fields if not foam or Path(item.pattern).parent == folder]
+        home = folder.parts[-2:]  # without the folder of a time
+        members = [i for i in fields if not foam or i.files[0][1].parent.parts[-2:] == home]
         prefixed = foam and all(_NUMBERED.match(item.name) for item in members)
         named = {_NUMBERED.sub("", item.name) if prefixed else item.name: item for item in members}
         name = folder.name if foam else "measured"
         if name in by_cloud:
-            raise SprayError(f"{case.path}: GEOMETRY: two clouds are named {name!r}")
+            raise SprayError(f"{path}: GEOMETRY: two clouds are named {name!r}")
         by_cloud[name] = (position, named)
     return by_cloud
 
 
 def _cloud(
-    choice: str | None, case: CaseFile, at: float | None, names: ColumnMap, mesh: Reader
-) -> tuple[Cloud | None, list[Path]]:
-    """Cloud asked for, and the files read; their byte order is that of the mesh."""
-    available = clouds(case)
-    if not available and choice != NO_CLOUD and any(item.kind in _MEASURED for item in case.items):
-        raise SprayError(f"{case.path}: GEOMETRY: no `measured` file for the parcels")
-    if choice == "measured" and len(available) == 1:
-        choice = None
-    chosen = choose_cloud(str(case.path), available, choice)
-    if chosen is None:
-        return None, []
-    geometry, fields = available[chosen]
-    file = Reader(_file(case, geometry, at), order=mesh.order)
+    path: Path,
+    name: str,
+    place: Item,
+    fields: dict[str, Item],
+    at: float | None,
+    names: ColumnMap,
+    mesh: Reader,
+) -> tuple[Cloud, list[Path]]:
+    """Cloud of the case `path`, and the files read; their byte order is that of the mesh."""
+    file = Reader(_file(path, place, at), order=mesh.order)
     files = [file.path]
     file.text()
     if (line := file.text()) != "particle coordinates":
@@ -208,8 +220,8 @@ def _cloud(
     if not file.done:
         raise file.fail(f"continues after its {count} parcels")
     columns: dict[str, Column] = {}
-    for name, item in fields.items():
-        values = Reader(_file(case, item, at), binary=file.binary, order=file.order)
+    for field_name, item in fields.items():
+        values = Reader(_file(path, item, at), binary=file.binary, order=file.order)
         files.append(values.path)
         width = 3 if item.kind.startswith("vector") else 1
         label = f"{values.path}: parcel field {item.name}"
@@ -218,5 +230,5 @@ def _cloud(
         if not values.done:
             raise values.fail(f"continues after the values of {count} parcels")
         for letter, part in zip("XYZ" if width == 3 else [""], numbers.T, strict=True):
-            columns[name + (f"_{letter}" if letter else "")] = Column(label, part)
-    return mapped_cloud(chosen, str(case.path), position, columns, names), files
+            columns[field_name + (f"_{letter}" if letter else "")] = Column(label, part)
+    return mapped_cloud(name, str(path), position, columns, names), files

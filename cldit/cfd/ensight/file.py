@@ -6,7 +6,7 @@ too late are refused.
 
 import re
 import shlex
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,36 +20,22 @@ from cldit.errors import SprayError
 
 @dataclass(frozen=True)
 class Item:
-    """File of the case: its kind ("scalar per element"), name, pattern and time set (or None)."""
+    """Entry of a .case file: its kind ("scalar per element") and name; times [s] and files.
+
+    The time is None if it does not change.
+    """
 
     kind: str
     name: str
-    pattern: str
-    time_set: int | None
+    files: tuple[tuple[float | None, Path], ...]
+
+    @property
+    def times(self) -> list[float]:
+        """Times at which it is written; none if it does not change."""
+        return [time for time, _ in self.files if time is not None]
 
 
-@dataclass
-class CaseFile:
-    """Content of a .case file. time_sets: times [s] with their numbers in names of files."""
-
-    path: Path
-    items: list[Item] = field(default_factory=list)
-    time_sets: dict[int, list[tuple[float, int]]] = field(default_factory=dict)
-
-    def files(self, item: Item) -> list[tuple[float | None, Path]]:
-        """Times and files of an item; time None if it does not change."""
-        if item.time_set is None or "*" not in item.pattern:
-            return [(None, self.path.parent / item.pattern)]
-        if item.time_set not in self.time_sets:
-            raise SprayError(f"{self.path}: {item.name}: no time set {item.time_set}")
-        stars = item.pattern.count("*")
-        return [
-            (time, self.path.parent / re.sub(r"\*+", f"{number:0{stars}d}", item.pattern))
-            for time, number in self.time_sets[item.time_set]
-        ]
-
-
-def read_case_file(path: Path) -> CaseFile:
+def read_case_file(path: Path) -> list[Item]:
     """Reads a .case file."""
     try:
         return _parsed(path, text_of(path).splitlines())
@@ -59,8 +45,9 @@ def read_case_file(path: Path) -> CaseFile:
         raise SprayError(f"{path}: is no EnSight case file ({error})") from error
 
 
-def _parsed(path: Path, lines: list[str]) -> CaseFile:
-    case, section, gold = CaseFile(path), "", False
+def _parsed(path: Path, lines: list[str]) -> list[Item]:
+    entries: list[tuple[str, str]] = []
+    section, gold = "", False
     sets: dict[int, dict[str, list[float]]] = {}
     time_set: dict[str, list[float]] = {}
     key = ""
@@ -76,7 +63,7 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
             gold = value.split() == ["ensight", "gold"]
         elif section in ("GEOMETRY", "VARIABLE") and colon:
             if not label.startswith("constant"):
-                case.items.append(_item(path, label.strip(), value))
+                entries.append((label.strip(), value))
         elif section == "FILE":
             raise SprayError(f"{path}: keeps several times in one file (FILE section); not read")
         elif section == "TIME":
@@ -92,8 +79,8 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
             time_set.setdefault(key, []).extend(float(word) for word in numbers.split())
     if not gold:
         raise SprayError(f"{path}: FORMAT: not `type: ensight gold`; export EnSight Gold, or .vtu")
-    case.time_sets = {number: _time_set(path, content) for number, content in sets.items()}
-    return case
+    time_sets = {number: _time_set(path, content) for number, content in sets.items()}
+    return [_item(path, kind, entry, time_sets) for kind, entry in entries]
 
 
 def _numbers_file(path: Path, name: str) -> str:
@@ -104,8 +91,11 @@ def _numbers_file(path: Path, name: str) -> str:
     return text_of(path.parent / words[0])
 
 
-def _item(path: Path, kind: str, entry: str) -> Item:
-    """Item of a line, `[time set] [file set] [name] pattern [options]`; variables have a name."""
+def _item(path: Path, kind: str, entry: str, time_sets: dict[int, list[tuple[float, int]]]) -> Item:
+    """Item of a line, `[time set] [file set] [name] pattern [options]`; variables have a name.
+
+    time_sets: times [s] with their numbers in names of files.
+    """
     words = shlex.split(entry)
     numbers: list[int] = []
     while words and words[0].isdigit():
@@ -114,8 +104,14 @@ def _item(path: Path, kind: str, entry: str) -> Item:
     if len(words) < 1 + named or len(numbers) > 1:
         hint = "keeps several times in one file (a file set); not read" if words else "no file"
         raise SprayError(f"{path}: {kind}: {entry.strip()!r}: {hint}")
-    name = words[0] if named else kind
-    return Item(kind, name, words[-1] if named else words[0], numbers[0] if numbers else None)
+    name, pattern = words[0] if named else kind, words[-1] if named else words[0]
+    if not numbers or "*" not in pattern:
+        return Item(kind, name, ((None, path.parent / pattern),))
+    if numbers[0] not in time_sets:
+        raise SprayError(f"{path}: {name}: no time set {numbers[0]}")
+    stars, steps = pattern.count("*"), time_sets[numbers[0]]
+    files = [(time, re.sub(r"\*+", f"{number:0{stars}d}", pattern)) for time, number in steps]
+    return Item(kind, name, tuple((time, path.parent / file) for time, file in files))
 
 
 def _time_set(path: Path, content: dict[str, list[float]]) -> list[tuple[float, int]]:

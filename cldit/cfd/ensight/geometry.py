@@ -1,12 +1,12 @@
 """Geometry file of an EnSight Gold case: unstructured parts and blocks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from cldit.arrays import Mask
 from cldit.cfd.ensight.file import Reader
-from cldit.cfd.ensight.variable import Block, Elements, Part, Parts
+from cldit.cfd.ensight.variable import Block, Elements, Parts
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
 from cldit.cfd.mesh.elements import CORNERS, ElementMesh, block_corners
 from cldit.cfd.mesh.faces import Mesh, join
@@ -15,84 +15,101 @@ _FLAT = {"point": 1, "bar2": 2, "bar3": 3, "tria3": 3, "tria6": 6, "quad4": 4, "
 _VTK = {"tetra4": 10, "pyramid5": 14, "penta6": 13, "hexa8": 12}
 
 
-@dataclass(frozen=True)
+@dataclass
 class Geometry:
-    """Content of a geometry file.
+    """Content of a geometry file, or of its parts so far.
 
-    parts: with their elements in order; blocks: meshes of solid cells, in order; mesh: all of them;
-    points: number in all parts; hidden: number of omitted cells: ghosts, and cells of blocks with a
-    blanked corner.
+    parts: nodes and elements of each, in order; blocks: meshes of solid cells, in order; cells,
+    points: numbers in all parts; hidden: number of omitted cells: ghosts, and cells of blocks with
+    a blanked corner.
     """
 
-    parts: Parts
-    blocks: tuple[Block, ...]
-    mesh: CellMesh
-    points: int
-    hidden: int
+    parts: Parts = field(default_factory=dict)
+    blocks: list[Block] = field(default_factory=list)
+    cells: int = 0
+    points: int = 0
+    hidden: int = 0
+
+    @property
+    def mesh(self) -> CellMesh:
+        """Mesh of all blocks."""
+        return join([mesh for mesh, _ in self.blocks])
 
 
 def read_geometry(file: Reader) -> Geometry:
     """Reads all parts."""
     file.text()
     file.text()
-    named_nodes, named_elements = (_ids_given(file, kind) for kind in ("node", "element"))
-    parts: Parts = {}
-    blocks: list[Block] = []
-    offset = cells = hidden = 0
+    ids = [_ids_given(file, kind) for kind in ("node", "element")]
+    read = Geometry()
     line = file.text()
     if line == "extents":
         file.floats(6, a_line=2)
         line = file.text()
     while line == "part":
         number = file.part_number()
-        if number in parts:
+        if number in read.parts:
             raise file.fail(f"has part {number} twice")
         file.text()
         kind = file.text()
         if kind.split()[:1] == ["block"]:
-            places, corners, kept = _structured(file, kind.split()[1:], number)
-            elements = Elements("block", len(kept), cells, None if kept.all() else kept)
-            parts[number] = Part(Elements("block", len(places), offset), [elements])
-            if size := elements.cells:
-                hexahedra = (corners[kept].reshape(-1),)
-                blocks.append(Block(_solid(file, places, "hexa8", size, hexahedra), offset))
-            cells, hidden, offset = cells + size, hidden + len(kept) - size, offset + len(places)
-            line = file.text(end=True)
-            continue
-        if kind != "coordinates":
+            line = _add_structured(file, read, number, kind.split()[1:])
+        elif kind == "coordinates":
+            line = _add_unstructured(file, read, number, *ids)
+        else:
             raise file.fail(f"part {number} is {kind!r}; unstructured parts and blocks are read")
-        count = int(file.integers(1)[0])
-        if named_nodes:
-            file.integers(count)
-        points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
-        parts[number] = Part(Elements(kind, count, offset))
-        line = file.text(end=True)
-        while line not in ("", "part"):
-            ghost, kind = line.startswith("g_"), line.removeprefix("g_")
-            size = int(file.integers(1)[0])
-            if named_elements:
-                file.integers(size)
-            connectivity = _elements(file, kind, size)
-            kept_here = connectivity is not None and not ghost
-            parts[number].elements.append(Elements(line, size, cells if kept_here else None))
-            if connectivity is not None and ghost:
-                hidden += size
-            elif connectivity is not None:
-                nodes = connectivity[0]
-                if nodes.size and (nodes.min() < 1 or nodes.max() > count):
-                    raise file.fail(f"part {number}: {kind} with nodes outside 1..{count}")
-                if size:
-                    nodes -= 1
-                    blocks.append(Block(_solid(file, points, kind, size, connectivity), offset))
-                cells += size
-            line = file.text(end=True)
-        offset += count
     if line:
         raise file.fail(f"{line!r} where a part is expected; the file is damaged")
-    if not cells:
+    if not read.cells:
         raise file.fail("the mesh has no solid cell")
-    mesh = join([block.mesh for block in blocks])
-    return Geometry(parts, tuple(blocks), mesh, offset, hidden)
+    return read
+
+
+def _add_structured(file: Reader, read: Geometry, number: int, words: list[str]) -> str:
+    """Adds a block, and returns the line that follows it."""
+    places, corners, kept = _structured(file, words, number)
+    elements = Elements("block", len(kept), read.cells, None if kept.all() else kept)
+    read.parts[number] = [Elements("block", len(places), read.points), elements]
+    if size := elements.cells:
+        mesh = _solid(file, places, "hexa8", size, (corners[kept].reshape(-1),))
+        read.blocks.append((mesh, read.points))
+    read.cells += size
+    read.hidden += len(kept) - size
+    read.points += len(places)
+    return file.text(end=True)
+
+
+def _add_unstructured(
+    file: Reader, read: Geometry, number: int, named_nodes: bool, named_elements: bool
+) -> str:
+    """Adds a part of elements, which may have ids, and returns the line that follows it."""
+    count = int(file.integers(1)[0])
+    if named_nodes:
+        file.integers(count)
+    points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
+    read.parts[number] = [Elements("coordinates", count, read.points)]
+    line = file.text(end=True)
+    while line not in ("", "part"):
+        ghost, kind = line.startswith("g_"), line.removeprefix("g_")
+        size = int(file.integers(1)[0])
+        if named_elements:
+            file.integers(size)
+        connectivity = _elements(file, kind, size)
+        kept = connectivity is not None and not ghost
+        read.parts[number].append(Elements(line, size, read.cells if kept else None))
+        if connectivity is not None and ghost:
+            read.hidden += size
+        elif connectivity is not None:
+            nodes = connectivity[0]
+            if nodes.size and (nodes.min() < 1 or nodes.max() > count):
+                raise file.fail(f"part {number}: {kind} with nodes outside 1..{count}")
+            if size:
+                nodes -= 1
+                read.blocks.append((_solid(file, points, kind, size, connectivity), read.points))
+            read.cells += size
+        line = file.text(end=True)
+    read.points += count
+    return line
 
 
 def _ids_given(file: Reader, kind: str) -> bool:

@@ -1,7 +1,7 @@
 """EnSight variables: values per element and per node, also undefined and partial ones."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,23 +40,10 @@ class Elements:
         return values if self.kept is None else values[self.kept]
 
 
-@dataclass
-class Part:
-    """Part of the geometry: its nodes among those of all parts, and its elements."""
-
-    nodes: Elements
-    elements: list[Elements] = field(default_factory=list)
-
-
-Parts = dict[int, Part]
-
-
-@dataclass(frozen=True)
-class Block:
-    """Cells of one part and type; first_node: index of their first point among all parts'."""
-
-    mesh: ElementMesh | Mesh
-    first_node: int
+Parts = dict[int, list[Elements]]
+"""Parts of a geometry by number: their nodes among those of all parts, then their elements."""
+Block = tuple[ElementMesh | Mesh, int]
+"""Cells of one part and type, and the index of their first point among those of all parts."""
 
 
 def read_variable(file: Reader, parts: Parts, count: int, label: str, *, at_nodes: bool) -> Column:
@@ -66,9 +53,11 @@ def read_variable(file: Reader, parts: Parts, count: int, label: str, *, at_node
     file.text()
     line = file.text(end=True)
     while line == "part":
-        part = _part(file, parts)
+        number = int(file.integers(1)[0])
+        if number not in parts:
+            raise file.fail(f"part {number} is not in the geometry")
         line = file.text(end=True)
-        for elements in [part.nodes] if at_nodes else part.elements:
+        for elements in parts[number][:1] if at_nodes else parts[number][1:]:
             name, _, mode = line.partition(" ")
             if name != elements.kind:
                 continue  # a type may be missing; if it has cells, an error follows below
@@ -86,13 +75,6 @@ def read_variable(file: Reader, parts: Parts, count: int, label: str, *, at_node
         raise file.fail(f"no value for {int(missed.sum())} of {count} cells; truncated?")
     undefined |= missed
     return Column(label, values, undefined if undefined.any() else None)
-
-
-def _part(file: Reader, parts: Parts) -> Part:
-    number = int(file.integers(1)[0])
-    if number not in parts:
-        raise file.fail(f"part {number} is not in the geometry")
-    return parts[number]
 
 
 def _values(file: Reader, size: int, mode: str) -> tuple[AnyFloats, NDArray[np.bool_]]:
@@ -116,7 +98,7 @@ def _values(file: Reader, size: int, mode: str) -> tuple[AnyFloats, NDArray[np.b
 
 def corner_mean(blocks: Sequence[Block], values: AnyFloats) -> Floats:
     """Means (N,) of values (P,) at all parts' points over the distinct corners of each cell."""
-    return np.concatenate([_mean(block.mesh, values[block.first_node :]) for block in blocks])
+    return np.concatenate([_mean(mesh, values[first_node:]) for mesh, first_node in blocks])
 
 
 def _mean(mesh: ElementMesh | Mesh, values: AnyFloats) -> Floats:

@@ -5,7 +5,7 @@ makes coordinates single precision, and ends the process on a damaged file. The 
 parcels: a mapping file names their table (`parcels.file`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,9 +37,11 @@ CGNS_NAMES = {
     "density": ("Density",),
     "fuel": ("{}",),
 }
-# ElementType_t: vtk's type, and the order of its corners; surfaces and lines are omitted
-_WEDGE = (0, 2, 1, 3, 5, 4)  # its first triangle points inwards in CGNS, outwards in vtk
-_CELLS = {10: (10, range(4)), 12: (14, range(5)), 14: (13, _WEDGE), 17: (12, range(8))}
+# ElementType_t: vtk's type, and the order of its corners; surfaces and lines are omitted. The first
+# triangle of a wedge points inwards in CGNS, outwards in vtk.
+_CELLS: dict[int, tuple[int, Sequence[int]]] = {
+    10: (10, range(4)), 12: (14, range(5)), 14: (13, (0, 2, 1, 3, 5, 4)), 17: (12, range(8))
+}  # fmt: skip
 _SURFACES = {2: 1, 3: 2, 4: 3, 5: 3, 6: 6, 7: 4, 8: 8, 9: 9}  # corners of points, lines, faces
 _MIXED, _NGON, _NFACE = 20, 22, 23
 _SI = {"Kilogram", "Meter", "Second", "Kelvin", "Radian", "Degree", "Null", "UserDefined", ""}

@@ -50,14 +50,7 @@ _VELOCITY = ("VELOCITY", "UU", "PARCEL_VELOCITY")
 
 def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of a post file, or of a folder of them."""
-    path = spec.file
-    files = _by_time(path)
-    times = [time for time in files if time is not None]
-    if len(times) < len(files) > 1:
-        raise SprayError(f"{path}: a file has no OUTPUT_TIME; give the path of one file")
-    at = stated_time(str(path), times, spec.time_s)
-    role = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
-    chosen = only_claimant(role, files[at])
+    _, at, chosen = _chosen(spec)
     with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
@@ -90,16 +83,24 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         return replace(gas, time_s=at, cloud=cloud, files=hdf_files(chosen), remarks=remarks)
 
 
-def _by_time(path: Path) -> dict[float | None, list[Path]]:
-    """Files by their OUTPUT_TIME in s (None: not stated): `path`, or all .h5 files of a folder."""
-    by_time: dict[float | None, list[Path]] = {}
+def _chosen(spec: CfdSpray) -> tuple[list[float], float | None, Path]:
+    """Times [s] of the files, that asked for (None: not stated), and its file.
+
+    The files are `spec.file`, or all .h5 files of a folder.
+    """
+    path, by_time = spec.file, dict[float | None, list[Path]]()
     for source in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
         with open_hdf(source) as file:
             value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
         by_time.setdefault(float(value[0]) if len(value) else None, []).append(source)
     if not by_time:
         raise SprayError(f"{path}: no .h5 file in it")
-    return by_time
+    times = [time for time in by_time if time is not None]
+    if len(times) < len(by_time) > 1:
+        raise SprayError(f"{path}: a file has no OUTPUT_TIME; give the path of one file")
+    at = stated_time(str(path), times, spec.time_s)
+    role = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
+    return times, at, only_claimant(role, by_time[at])
 
 
 # bytes for each number; a corner is held as it is stored and as a label
@@ -177,13 +178,10 @@ def parcel_names(columns: Container[str]) -> ParcelColumns:
 
 def list_converge(spec: CfdSpray) -> Listing:
     """Lists times [s], cell fields, and clouds with their fields, at the time asked for."""
-    path = spec.file
-    files = _by_time(path)
-    times = [time for time in files if time is not None]
-    at = stated_time(str(path), times, spec.time_s)
+    times, _, chosen = _chosen(spec)
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
-    with open_hdf(only_claimant(f"time {at}", files[at])) as post:
+    with open_hdf(chosen) as post:
         for name in post:
             if _STREAM.match(name):
                 fields |= set(post[name].get("CELL_CENTER_DATA", ()))

@@ -1,13 +1,14 @@
 """Meshes of elements given by their corners, from tetrahedra to hexahedra, and of polyhedra."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
+from cldit.cfd.mesh import geometry
 from cldit.cfd.mesh.cells import (
     AnyFloats,
     CellMesh,
@@ -44,7 +45,6 @@ _REGULAR = {
     13: (_VOXEL[[0, 1, 2, 4, 5, 6]], 1 / 2),
 }
 _STRAIGHT = 1e-4  # of the height of a cell: such a miss of a corner changes its volume by 1e-8
-_AT_ONCE = 8_000  # cells: corners (8, N, 3) of hexahedra take 1.5 MB and stay in the cache
 
 
 def block_corners(shape: Sequence[int]) -> Labels:
@@ -75,25 +75,12 @@ def elements(points_m: AnyFloats, kind: int, nodes: Labels) -> Polyhedra:
 
 
 @dataclass(frozen=True)
-class PolyhedronFaces:
-    """Faces of the polyhedra of a mesh, normals outwards.
-
-    Face f has the corners `corners[start[f]:start[f + 1]]` (one shape each, (N,)), cell c the faces
-    `faces[first[c]:first[c + 1]]`: none if c is no polyhedron.
-    """
-
-    corners: Labels
-    start: Labels
-    faces: Labels
-    first: Labels
-
-
-@dataclass(frozen=True)
 class ElementMesh(PointMesh):
     """Cells by their corners.
 
     points_m (P, 3); cell c is of vtk's type `kinds[c]` and has the corners
-    `nodes[offsets[c]:offsets[c + 1]]`, in vtk's order; those of type `POLYHEDRON` are in `faces`.
+    `nodes[offsets[c]:offsets[c + 1]]`, in vtk's order; those of type `POLYHEDRON` are in `solids`,
+    in which other cells have no sides; all normals point outwards.
     """
 
     points_m: AnyFloats
@@ -101,7 +88,7 @@ class ElementMesh(PointMesh):
     offsets: Labels
     nodes: Labels
     source: str
-    faces: PolyhedronFaces | None = None
+    solids: Polyhedra | None = None
 
     def __post_init__(self) -> None:
         if not len(self.kinds):
@@ -112,8 +99,8 @@ class ElementMesh(PointMesh):
         if len(sizes) != self.cells or self.offsets[0] != 0 or self.offsets[-1] != len(self.nodes):
             raise SprayError(f"{self.source}: the cells of the mesh do not use all of its corners")
         for kind in self._kinds(self.kinds):
-            if kind == POLYHEDRON and self.faces is not None:
-                self._check_polyhedra(self.faces)
+            if kind == POLYHEDRON and self.solids is not None:
+                self._check_polyhedra(self.solids)
             elif kind not in FACES:
                 cell = int(np.argmax(self.kinds == kind))
                 raise SprayError(
@@ -131,10 +118,10 @@ class ElementMesh(PointMesh):
         uniform = self.kinds.strides == (0,)  # repeated, without being stored
         return [int(kind) for kind in (kinds[:1] if uniform else np.unique(kinds))]
 
-    def _check_polyhedra(self, solid: PolyhedronFaces) -> None:
+    def _check_polyhedra(self, solid: Polyhedra) -> None:
         check_labels(self.source, "point", solid.corners, low=0, end=len(self.points_m))
-        check_labels(self.source, "face", solid.faces, low=0, end=len(solid.start) - 1)
-        ends = solid.start[-1] == len(solid.corners) and solid.first[-1] == len(solid.faces)
+        check_labels(self.source, "face", solid.sides, low=0, end=len(solid.start) - 1)
+        ends = solid.start[-1] == len(solid.corners) and solid.first[-1] == len(solid.sides)
         corners, faces = np.diff(solid.start), np.diff(solid.first)
         rising = corners.min(initial=3) >= 3 and faces.min(initial=0) >= 0
         if not (ends and rising and len(faces) == self.cells):
@@ -156,8 +143,8 @@ class ElementMesh(PointMesh):
         kinds = self.kinds[cells]
         for kind in set(self._kinds(kinds)) & set(_REGULAR):
             of_kind = np.flatnonzero(kinds == kind)
-            for begin in range(0, len(of_kind), _AT_ONCE):
-                place = of_kind[begin : begin + _AT_ONCE]
+            for begin in range(0, len(of_kind), geometry.IN_CACHE):
+                place = of_kind[begin : begin + geometry.IN_CACHE]
                 corner = self.offsets[cells[place]] + np.arange(CORNERS[kind])[:, None]
                 regular, values = _regular(kind, self.points_m[self.nodes[corner]])
                 measures.put(place, values)
@@ -172,10 +159,8 @@ class ElementMesh(PointMesh):
         for kind in self._kinds(kinds):
             indices = np.flatnonzero(kinds == kind)
             if kind == POLYHEDRON:
-                solid = self.faces
-                assert solid is not None
-                faces = solid.corners, solid.start, solid.first, solid.faces
-                yield indices, Polyhedra(self.points_m, *faces, cells[indices])
+                assert self.solids is not None
+                yield indices, replace(self.solids, members=cells[indices])
             else:
                 corner = self.offsets[cells[indices], None] + np.arange(CORNERS[kind])
                 yield indices, elements(self.points_m, kind, self.nodes[corner])

@@ -22,7 +22,7 @@ Labels = NDArray[np.signedinteger]
 
 FEW_FACES, OPEN, NO_VOLUME = 1, 2, 3
 _OPEN = 0.01  # share of a cell's surface that may be missing; the slack is for float32 points
-_SIDES = 8_000  # at a time: an array (3, N) of doubles takes 0.2 MB, and all stay in the cache
+IN_CACHE = 8_000  # sides or cells at a time: (3, N) doubles take 0.2 MB, and all stay in the cache
 
 
 @dataclass(frozen=True)
@@ -42,55 +42,44 @@ class Polyhedra:
     members: Labels
 
 
-@dataclass(frozen=True)
-class Faces:
-    """Polygons: centre, area vector, and bounds low and high, (3, F) each."""
+def _polygons(points_m: AnyFloats, corners: Labels) -> Floats:
+    """Centre, area vector, bounds low and high, (4, 3, F), of polygons by their corners (n, F)."""
+    count = len(corners)
+    ring = np.empty((3, count + 1, corners.shape[1]))  # the first corner comes last again
+    corner, following = ring[:, :-1], ring[:, 1:]
+    corner[:] = points_m[corners].transpose(2, 0, 1)
+    low, high = corner.min(axis=1), corner.max(axis=1)
+    middle = corner.sum(axis=1) / count
+    corner -= middle[:, None]
+    ring[:, -1] = ring[:, 0]
+    triangles = np.empty((3, count, corners.shape[1]))  # twice their areas
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        np.multiply(corner[j], following[k], out=triangles[axis])
+        triangles[axis] -= corner[k] * following[j]
+    area = triangles.sum(axis=1)
+    # each triangle signed by the face's own normal: a notch in the polygon counts as one
+    weight = np.einsum("acf,af->cf", triangles, area)
+    total = weight.sum(axis=0)
+    moment = np.einsum("acf,cf->af", corner + following, weight)
+    # a face without area has no weight in any sum
+    flat = ~(total > 0.0)
+    middle += np.where(flat, 0.0, moment / np.where(flat, 1.0, 3.0 * total))
+    return np.stack([middle, 0.5 * area, low, high])
 
-    centre: Floats
-    area: Floats
-    low: Floats
-    high: Floats
 
-    @classmethod
-    def of(cls, points_m: AnyFloats, corners: Labels) -> Faces:
-        """Polygons of so many corners (n, F) each."""
-        count = len(corners)
-        ring = np.empty((3, count + 1, corners.shape[1]))  # the first corner comes last again
-        corner, following = ring[:, :-1], ring[:, 1:]
-        corner[:] = points_m[corners].transpose(2, 0, 1)
-        low, high = corner.min(axis=1), corner.max(axis=1)
-        middle = corner.sum(axis=1) / count
-        corner -= middle[:, None]
-        ring[:, -1] = ring[:, 0]
-        triangles = np.empty((3, count, corners.shape[1]))  # twice their areas
-        for axis in range(3):
-            j, k = (axis + 1) % 3, (axis + 2) % 3
-            np.multiply(corner[j], following[k], out=triangles[axis])
-            triangles[axis] -= corner[k] * following[j]
-        area = triangles.sum(axis=1)
-        # each triangle signed by the face's own normal: a notch in the polygon counts as one
-        weight = np.einsum("acf,af->cf", triangles, area)
-        total = weight.sum(axis=0)
-        moment = np.einsum("acf,cf->af", corner + following, weight)
-        # a face without area has no weight in any sum
-        flat = ~(total > 0.0)
-        middle += np.where(flat, 0.0, moment / np.where(flat, 1.0, 3.0 * total))
-        return cls(middle, 0.5 * area, low, high)
-
-    @classmethod
-    def chosen(cls, part: Polyhedra, faces: Labels) -> Faces:
-        """Faces (F,) of a mesh, those with as many corners together."""
-        begin, size = part.start[faces], part.start[faces + 1] - part.start[faces]
-        result = cls(*(np.empty((3, len(faces))) for _ in range(4)))
-        for kind in np.flatnonzero(np.bincount(size)).tolist():
-            indices = np.flatnonzero(size == kind)
-            corners = part.corners[begin[indices] + np.arange(kind)[:, None]]
-            group = cls.of(part.points_m, corners)
-            if len(indices) == len(faces):
-                return group
-            for target, values in zip(vars(result).values(), vars(group).values(), strict=True):
-                target[:, indices] = values
-        return result
+def _faces(part: Polyhedra, faces: Labels) -> Floats:
+    """Faces (F,) of a mesh as `_polygons` has them; those of as many corners together."""
+    begin, size = part.start[faces], part.start[faces + 1] - part.start[faces]
+    polygons = np.empty((4, 3, len(faces)))
+    for kind in np.flatnonzero(np.bincount(size)).tolist():
+        indices = np.flatnonzero(size == kind)
+        corners = part.corners[begin[indices] + np.arange(kind)[:, None]]
+        group = _polygons(part.points_m, corners)
+        if len(indices) == len(faces):
+            return group
+        polygons[:, :, indices] = group
+    return polygons
 
 
 @dataclass(frozen=True)
@@ -126,23 +115,22 @@ def measure(part: Polyhedra) -> Iterator[tuple[Ints, NDArray[np.int8], Measures]
     done = 0
     while done < len(closed):
         past = ends[done - 1] if done else 0
-        stop = max(done + 1, int(np.searchsorted(ends, past + _SIDES, "right")))
+        stop = max(done + 1, int(np.searchsorted(ends, past + IN_CACHE, "right")))
         chosen = closed[done:stop]
         sizes, at = count[chosen], ends[done:stop] - count[chosen] - past
         side = part.sides[np.repeat(begin[chosen] - at, sizes) + np.arange(ends[stop - 1] - past)]
         outward = side >= 0
         # most faces are those of two cells
         distinct, of_side = np.unique(np.where(outward, side, -1 - side), return_inverse=True)
-        faces = Faces.chosen(part, distinct)
-        faces = Faces(*(values[:, of_side] for values in vars(faces).values()))
-        faces.area[:, ~outward] *= -1.0
+        faces = np.take(_faces(part, distinct), of_side, axis=2)
+        faces[1][:, ~outward] *= -1.0
         yield chosen, *_cells(faces, sizes, at)
         done = stop
 
 
-def _cells(faces: Faces, count: Ints, at: Ints) -> tuple[NDArray[np.int8], Measures]:
-    """Measures cells of so many faces (N,), of which the first ones are `at`."""
-    area, centre = faces.area, faces.centre
+def _cells(faces: Floats, count: Ints, at: Ints) -> tuple[NDArray[np.int8], Measures]:
+    """Measures cells of so many faces (N,), of which the first ones are `at`; faces (4, 3, F)."""
+    centre, area, lowest, highest = faces
     surface = np.add.reduceat(np.sqrt(np.sum(area * area, axis=0)), at)
     # outward area vectors of a closed cell sum to nothing
     missing = np.sqrt(np.sum(np.add.reduceat(area, at, axis=1) ** 2, axis=0))
@@ -156,8 +144,8 @@ def _cells(faces: Faces, count: Ints, at: Ints) -> tuple[NDArray[np.int8], Measu
     # faces that all point inwards (some exporters) turn every sign: the cell is the same
     middle = (tip + 0.75 * shift).T
     low, high = (
-        np.minimum.reduceat(faces.low, at, axis=1),
-        np.maximum.reduceat(faces.high, at, axis=1),
+        np.minimum.reduceat(lowest, at, axis=1),
+        np.maximum.reduceat(highest, at, axis=1),
     )
     return fault, Measures(np.abs(volume), middle, low.T, high.T)
 

@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
+from cldit.cfd.inputs import HEAD_BYTES
 from cldit.cfd.mapping.columns import Fields, joined_cloud
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
-from cldit.cfd.openfoam.collated import HEAD_BYTES, Root, split_roots
+from cldit.cfd.openfoam.collated import Root, split_roots
 from cldit.cfd.openfoam.file import find_foam, open_foam, read_foam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
@@ -33,6 +34,7 @@ from cldit.cfd.openfoam.regions import (
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
+from cldit.io.files import open_regular
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
 
@@ -170,7 +172,6 @@ def _cloud(
 
 _NOTE = re.compile(rb"nPoints:\s*(\d+)\s+nCells:\s*(\d+)\s+nFaces:\s*(\d+)")
 _COUNT = re.compile(rb"^\s*(\d+)\s*\(", re.MULTILINE)
-_PACKED = 4  # bytes for each of a .gz: lists of labels in text, of which gzip keeps a quarter
 
 
 def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
@@ -181,10 +182,19 @@ def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
         # a face: four corners, where it begins, two cells, and its sides; a cell: where it begins
         held += 24 * points + (4 * 4 + 4 + 8 + 8) * faces + (8 + 8 * fields) * cells
         if (stored := find_foam(folder / "faces")) is not None:
-            packed = _PACKED if stored.suffix == ".gz" else 1
-            largest = max(largest, stored.stat().st_size * packed)
+            largest = max(largest, _unpacked_bytes(stored))
         total += cells
     return Size(total, 0, held + 1.5 * largest)
+
+
+def _unpacked_bytes(path: Path) -> int:
+    """Size of a file's content; a .gz ends with it (RFC 1952: modulo 2^32)."""
+    size = path.stat().st_size
+    if path.suffix != ".gz" or size < 4:
+        return size
+    with open_regular(path) as stream:
+        stream.seek(size - 4)
+        return max(size, int.from_bytes(stream.read(4), "little"))
 
 
 def _counts(owner: Path) -> tuple[int, int, int]:

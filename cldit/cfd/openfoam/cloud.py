@@ -14,6 +14,7 @@ from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.names import species_in
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
 from cldit.cfd.openfoam.lists import as_integers, labels, particles, scalars, vectors
+from cldit.cfd.tolerances import SLACK
 from cldit.errors import SprayError
 
 
@@ -94,7 +95,7 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     if turn.size and (turn.min() < 1 or np.any(turn > size - 2)):
         bad = int(np.argmax((turn < 1) | (turn > size - 2)))
         raise file.fail(f"parcel {bad}: point {turn[bad]} of a face of {size[bad]} points")
-    if np.abs(weights.sum(axis=1) - 1.0).max(initial=0.0) > 1e-3:
+    if np.abs(weights.sum(axis=1) - 1.0).max(initial=0.0) > SLACK:
         raise file.fail("barycentric coordinates that do not sum to one")
 
     used, back = np.unique(face, return_inverse=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from cldit.cfd.inputs import content
+from cldit.cfd.inputs import HEAD_BYTES, content
 from cldit.errors import SprayError
 
 COLLATED = b"decomposedBlockData"
@@ -18,8 +18,6 @@ _NAME = re.compile(r"processors(\d+)(?:_(\d+)-(\d+))?$")
 # blanks and comments; possessive, so that no part of it is tried twice
 GAP = rb"(?:\s++|//[^\n]*+\n|/\*(?>.*?\*/))*+"
 _BLOCK = re.compile(GAP + rb"(\d{1,18})\s*+\(", re.DOTALL)
-
-HEAD_BYTES = 10_000  # in which a header, or the size of a block, ends: it has some 20 short lines
 
 
 @dataclass(frozen=True)

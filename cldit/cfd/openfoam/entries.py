@@ -1,12 +1,12 @@
 """Entries at the top level of a field's file, by OpenFOAM's grammar: dimensions, macros, includes.
 
 After the OpenFOAM user guide ("Basic input/output file format"). foamlib 1.7 reads these entries,
-too, but expands neither macros nor `#include`.
+too, but expands neither macros nor `#include`. Other directives (#calc, #eval) are refused:
+OpenFOAM writes results without any.
 """
 
-import ast
 import re
-from operator import add, mul, sub, truediv
+from pathlib import Path
 
 from cldit.cfd.inputs import content
 from cldit.cfd.mapping.file import SI_UNITS
@@ -17,13 +17,15 @@ _KEY = re.compile(GAP + rb'("[^"\n]*"|[^\s"{}();]++)', re.DOTALL)
 _PART = re.compile(rb'"[^"]*"|//[^\n]*|/\*.*?\*/|[{}();]|List<(\w+)>\s*(\d{1,15})\s*\(', re.DOTALL)
 _NUMBERS = {b"scalar": 1, b"vector": 3, b"symmTensor": 6, b"tensor": 9}
 _MACRO = re.compile(rb"\$\{?[:.]*(\w+)\}?")
-_DEEPEST = 10  # of macros in macros and files in files
 
 
-def top_level(file: FoamFile, at: int, entries: dict[bytes, bytes], depth: int = 0) -> int:
+def top_level(
+    file: FoamFile, at: int, entries: dict[bytes, bytes], within: tuple[Path, ...] = ()
+) -> int:
     """Adds the entries from `at` on to `entries`, up to internalField, and those of included files.
 
-    Returns the place of the value of internalField; -1 without it.
+    within: files that include this one. Returns the place of the value of internalField; -1 without
+    it.
     """
     while (key := _KEY.match(file.body, at)) is not None:
         name, at = key.group(1), key.end()
@@ -31,7 +33,7 @@ def top_level(file: FoamFile, at: int, entries: dict[bytes, bytes], depth: int =
             line = file.body.find(b"\n", at)
             line = len(file.body) if line < 0 else line
             if name in (b"#include", b"#sinclude", b"#includeIfPresent"):
-                _include(file, file.body[at:line], entries, depth)
+                _include(file, file.body[at:line], entries, within)
             at = line
             continue
         end = entry_end(file, at)
@@ -58,71 +60,37 @@ def entry_end(file: FoamFile, at: int) -> int:
     return len(file.body)
 
 
-def _include(file: FoamFile, line: bytes, entries: dict[bytes, bytes], depth: int) -> None:
+def _include(
+    file: FoamFile, line: bytes, entries: dict[bytes, bytes], within: tuple[Path, ...]
+) -> None:
     """Adds the entries of an included file; a missing one is named once a macro is not found."""
     name = line.strip().strip(b'"')
     path = find_foam(file.path.parent / name.decode("latin-1"))
-    if path is None or depth > _DEEPEST:
+    if path is None or path in within:
         entries[b"#include"] = name
         return
     with open_foam(path) as stream:
         body = without_comments(content(stream, path))
     included = FoamFile(path, False, file.order, file.label_sizes, file.scalar_sizes, body)
-    top_level(included, 0, entries, depth + 1)
+    top_level(included, 0, entries, (*within, path))
 
 
-def expanded(file: FoamFile, code: bytes, entries: dict[bytes, bytes], depth: int = 0) -> bytes:
-    """Replaces macros such as `$T0` by the entries that they name, and `#calc` by its number."""
+def expanded(
+    file: FoamFile, code: bytes, entries: dict[bytes, bytes], within: tuple[bytes, ...] = ()
+) -> bytes:
+    """Replaces macros such as `$T0` by the entries that they name; `within`: macros around it."""
     code = code.partition(b";")[0]
     while (macro := _MACRO.search(code)) is not None:
         name = macro.group().decode("latin-1")
-        if depth > _DEEPEST:
+        if macro.group(1) in within:
             raise file.fail(f"the macro {name} names itself")
         if macro.group(1) not in entries:
             lost = entries.get(b"#include", b"").decode("latin-1")
             where = f'; "{lost}", which it includes, is missing beside it' if lost else ""
             raise file.fail(f"the macro {name} has no entry above it or in its includes{where}")
-        value = expanded(file, entries[macro.group(1)], entries, depth + 1)
+        value = expanded(file, entries[macro.group(1)], entries, (*within, macro.group(1)))
         code = code[: macro.start()] + value + code[macro.end() :]
-    return calculated(file, code)
-
-
-_CALC = re.compile(rb'#calc\s*"([^"]*)"')
-_STEP = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
-
-
-def calculated(file: FoamFile, code: bytes) -> bytes:
-    """Replaces `#calc "(300 + 25)*2"` by its number; other content than arithmetic is refused."""
-
-    def value(node: ast.expr) -> float:
-        match node:
-            case ast.Constant(value=float(number) | int(number)):
-                return float(number)
-            case ast.UnaryOp(op=ast.USub(), operand=inner):
-                return -value(inner)
-            case ast.BinOp(left=left, op=op, right=right):
-                return float(_STEP[type(op)](value(left), value(right)))
-        raise ValueError
-
-    match = _CALC.search(code)
-    if b"#calc" not in code:
-        return code
-    try:
-        if match is None:
-            raise ValueError
-        number = value(ast.parse(match.group(1).decode("ascii").strip(), mode="eval").body)
-    except (ValueError, SyntaxError, KeyError, ArithmeticError, RecursionError) as error:
-        at, line = file.body.find(b"#calc"), "an included file"
-        with open_foam(file.path) as stream:
-            above = stream.read().count(b"\n") - file.body.count(b"\n")
-        if at >= 0:
-            line = "line " + str(1 + above + file.body.count(b"\n", 0, at))
-        shown = code[:60].decode("latin-1")
-        raise file.fail(
-            f"{line}: {shown!a}; allowed in #calc: numbers, + - * / and brackets; write the number "
-            "that `foamDictionary FILE -entry NAME -value` prints"
-        ) from error
-    return code[: match.start()] + repr(number).encode() + code[match.end() :]
+    return code
 
 
 def unit_of(file: FoamFile, entries: dict[bytes, bytes]) -> str | None:

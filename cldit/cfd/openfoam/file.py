@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from cldit.cfd.case import only_claimant
-from cldit.cfd.inputs import content, regular
-from cldit.cfd.openfoam.collated import COLLATED, HEAD_BYTES, block_of
+from cldit.cfd.inputs import HEAD_BYTES, content, regular
+from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError, reason
 from cldit.io.files import open_regular
 

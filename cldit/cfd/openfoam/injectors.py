@@ -75,7 +75,6 @@ def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
 
 
 _CLOSED = {"(": ")", "{": "}"}
-_DEEPEST = 100  # brackets in each other
 
 
 def dictionary(text: str) -> dict[str, object]:
@@ -85,7 +84,7 @@ def dictionary(text: str) -> dict[str, object]:
     """
     stack: list[tuple[str, list[object]]] = [("", [])]
     for token in _TOKEN.findall(_SKIP.sub(" ", text)):
-        if token in _CLOSED and len(stack) <= _DEEPEST:
+        if token in _CLOSED:
             stack.append((token, []))
         elif token in "({)}" or (token == ";" and stack[-1][0] == "("):
             opened, inside = stack.pop()
@@ -133,16 +132,17 @@ def _vector(value: object) -> tuple[float, float, float] | None:
 def _positions_and_directions(
     block: object,
 ) -> Iterator[tuple[tuple[float, float, float], tuple[float, float, float]]]:
-    """Pairs of position and direction, in this block and those inside it."""
-    if not isinstance(block, dict):
-        return
-    pairs = [(block.get("position"), block.get("direction"))]
-    axes = block.get("positionAxis")
-    if isinstance(axes, list) and len(axes) == 1 and isinstance(axes[0], list):
-        pairs += [tuple(pair) for pair in axes[0] if isinstance(pair, list) and len(pair) == 2]
-    for position, direction in pairs:
-        place, along = _vector(position), _vector(direction)
-        if place is not None and along is not None and any(along):
-            yield place, along
-    for inner in block.values():
-        yield from _positions_and_directions(inner)
+    """Pairs of position and direction, in this block and those inside it, in order."""
+    blocks = [block]
+    while blocks:
+        if not isinstance(inner := blocks.pop(), dict):
+            continue
+        pairs = [(inner.get("position"), inner.get("direction"))]
+        axes = inner.get("positionAxis")
+        if isinstance(axes, list) and len(axes) == 1 and isinstance(axes[0], list):
+            pairs += [tuple(pair) for pair in axes[0] if isinstance(pair, list) and len(pair) == 2]
+        for position, direction in pairs:
+            place, along = _vector(position), _vector(direction)
+            if place is not None and along is not None and any(along):
+                yield place, along
+        blocks += reversed(inner.values())

@@ -13,17 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
+from cldit.cfd.inputs import AT_ONCE
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam.collated import GAP
 from cldit.cfd.openfoam.entries import entry_end, expanded, top_level, unit_of
 from cldit.cfd.openfoam.file import FoamFile
+from cldit.cfd.tolerances import EXACT
 
 _LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(?:(\d++)(?:\s*+([({]))?+|(\())", re.DOTALL)
 _NONUNIFORM = re.compile(GAP + rb"nonuniform" + GAP + rb"(?=List|\d|\()", re.DOTALL)
-_DIGITS = 18  # of a count: 10^18 is below 2^63
-_MOST_UNIFORM = 1_000_000  # entries of a uniform list whose length nothing else gives
-_AT_ONCE = 1 << 23  # bytes of text at a time: some million numbers, of as many bytes
 _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 
@@ -40,7 +39,7 @@ def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
     # binary files have an empty list as its count alone
     if match is None or not (match.group(2) or int((match.group(1) or b"1")[:20]) == 0):
         raise file.fail("no list where one is expected; the file is truncated or of another kind")
-    if len(match.group(1)) > _DIGITS:
+    if len(match.group(1)) >= len(str(2**63)):
         raise file.fail(f"a list of {match.group(1)[:20].decode()}... entries")
     return int(match.group(1)), match.group(2) or b"", match.end()
 
@@ -52,7 +51,7 @@ def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
     """
     ended = False
     while begin < end and not ended:
-        stop = min(begin + _AT_ONCE, end)
+        stop = min(begin + AT_ONCE, end)
         while stop < end and not file.body[stop : stop + 1].isspace():
             stop += 1
         chunk = file.body[begin:stop].translate(_BRACKETS)
@@ -104,8 +103,8 @@ def _list(
     if bracket == b"{":
         if expected is not None and count != expected:
             raise file.fail(wording.format(count, expected))
-        if expected is None and count > _MOST_UNIFORM:
-            raise file.fail(f"a uniform list of {count} entries; allowed: {_MOST_UNIFORM:.0e}")
+        if expected is None and count > AT_ONCE:
+            raise file.fail(f"a uniform list of {count} entries; allowed: {AT_ONCE}")
         end = file.body.find(b"}", begin)
         value = _parsed(file, begin, end) if end >= 0 else np.empty(0)
         if value.size != width:
@@ -133,7 +132,7 @@ def as_integers(file: FoamFile, values: NDArray[np.generic]) -> Labels:
     """Converts `values` to integers of the same shape, int32 if they fit; refuses 1.5 or 1e300."""
     numbers = np.asarray(values)
     if numbers.dtype.kind == "f":
-        integers = numbers.astype(np.int64) if np.all(np.abs(numbers) < 2.0**53) else None
+        integers = numbers.astype(np.int64) if np.all(np.abs(numbers) < EXACT) else None
         if integers is None or np.any(integers != numbers):
             raise file.fail("a label is no whole number")
         numbers = integers
@@ -195,8 +194,11 @@ def internal_field(file: FoamFile, cells: int) -> tuple[AnyFloats, str | None]:
             number = float(value.removeprefix(b"uniform"))
         except ValueError as error:
             shown = value[:40].decode("latin-1")
-            fault = f"internalField is {shown!a}; allowed: `uniform <number>`, or a list of numbers"
-            raise file.fail(fault) from error
+            way = "; write the number that `foamDictionary FILE -entry internalField` prints"
+            allowed = (
+                f"allowed: `uniform <number>`, or a list of numbers{way if b'#' in value else ''}"
+            )
+            raise file.fail(f"internalField is {shown!a}; {allowed}") from error
         if at >= 0:
             top_level(file, entry_end(file, at) + 1, entries)
         return np.full(cells, number), unit_of(file, entries)

@@ -8,6 +8,7 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd.case import Boundary
+from cldit.cfd.inputs import AT_ONCE
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.openfoam.collated import Root
 from cldit.cfd.openfoam.file import find_foam, read_foam
@@ -93,13 +94,11 @@ def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
     return (total / length if plane else np.zeros(3)), middle
 
 
-_END = 100_000  # bytes at the end of a file, after the values of its cells
-
-
 def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
     """Mean temperature of the walls that are held at one fixed temperature each; else None.
 
-    None also where it is not known: values that differ from face to face, packed files.
+    The boundary is at the end of a file, after the values of its cells. None also where it is
+    not known: values that differ from face to face, packed files.
     """
     field = find_foam(root.path / folder / "T")
     if field is None or field.suffix == ".gz" or root.block is not None:
@@ -107,7 +106,7 @@ def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
     _, patches = _patches(root, region)
     walls = [name for name, patch in patches.items() if patch.get("type") == "wall"]
     with open_regular(field) as stream:
-        stream.seek(max(0, field.stat().st_size - _END))
+        stream.seek(max(0, field.stat().st_size - AT_ONCE))
         held = _fixed_values(stream.read())
     walls_K = [next((T for key, T in held.items() if _names(key, wall)), None) for wall in walls]
     fixed = [T for T in walls_K if T is not None]

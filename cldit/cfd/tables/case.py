@@ -20,9 +20,9 @@ from cldit.cfd.names import is_mark
 from cldit.cfd.one_state import check_marks
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.tables.dpm import dpm_columns, dpm_names
-from cldit.cfd.tables.parquet import parquet_columns, parquet_names, parquet_numbers, parquet_rows
-from cldit.cfd.tables.text import numbers_in, text_columns, text_names
+from cldit.cfd.tables.text import TextTable
 from cldit.cfd.times import stated_time
+from cldit.cfd.unknown_kinds import refuse_unknown
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -71,9 +71,6 @@ def list_tables(spec: CfdSpray) -> Listing:
 
 def _size(file: Path) -> Size:
     """Estimate from the mean length of the first lines: ten columns of numbers, and boxes."""
-    if file.suffix == ".parquet":
-        rows = parquet_rows(file)
-        return Size(rows, 0, 200.0 * rows)
     try:
         with open_regular(file) as stream:
             head = stream.read(1 << 16)
@@ -119,29 +116,39 @@ def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
 
 def table_names(file: Path, mapping: CellColumns | ParcelColumns) -> list[str]:
     """Names in the header of a table; `mapping` gives the header's line and delimiter."""
-    readers = {".parquet": parquet_names, ".dpm": dpm_names}
-    names = readers[file.suffix](file) if file.suffix in readers else text_names(file, mapping)
+    return _header(file, mapping)[1]
+
+
+def _header(file: Path, mapping: CellColumns | ParcelColumns) -> tuple[TextTable | None, list[str]]:
+    """Table of text (None: of Fluent), and the names of its columns, which tell them apart."""
+    if file.suffix == ".parquet":
+        refuse_unknown(file)
+    text = None if file.suffix == ".dpm" else TextTable(file, mapping)
+    names = dpm_names(file) if text is None else text.names
     twice = sorted({name for name in names if name and names.count(name) > 1})
     if twice or not any(names):
         problem = f"the column {twice[0]!r} twice" if twice else "no names of columns"
         raise SprayError(f"{file}: its header has {problem}")
-    return names
+    return text, names
 
 
 def load_table(file: Path, mapping: CellColumns | ParcelColumns) -> Source:
-    """Reads the columns that the `mapping` uses, and all numeric columns of parcels."""
-    names = table_names(file, mapping)
+    """Reads the columns that the `mapping` uses, and those that are evidence of what the rows are.
+
+    These are columns of time or identity, and, of parcels, all that have numbers in them.
+    """
+    text, names = _header(file, mapping)
     mapped = columns_of(mapping)
     used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]
     if not used:
         raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
-    evidence = _evidence(file, names, mapping) - {names[place] for place in used}
-    if file.suffix == ".parquet":
-        read = parquet_columns(file, [*(names[place] for place in used), *sorted(evidence)])
-    elif file.suffix == ".dpm":
-        read = dpm_columns(file)
+    used_names = {names[place] for place in used}
+    if text is None:
+        evidence, read = set(names) - {"time"} - used_names, dpm_columns(file)  # `time` is an age
     else:
-        read = text_columns(file, names, used, mapping, [names.index(name) for name in evidence])
+        numeric = text.numeric() if isinstance(mapping, ParcelColumns) else set()
+        evidence = {*filter(is_mark, names), *numeric} - used_names
+        read = text.columns(used, [names.index(name) for name in evidence])
     check_marks({name: read[name] for name in evidence if name in read})
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
     columns |= read
@@ -149,14 +156,3 @@ def load_table(file: Path, mapping: CellColumns | ParcelColumns) -> Source:
     if not count:
         raise SprayError(f"{file}: no row below its header")
     return Source(str(file), columns, count)
-
-
-def _evidence(file: Path, names: list[str], mapping: CellColumns | ParcelColumns) -> set[str]:
-    """Columns of time or identity, and, of parcels, all that have numbers in them."""
-    marks, parcels = set(filter(is_mark, names)), isinstance(mapping, ParcelColumns)
-    if file.suffix == ".dpm":  # its `time` is the age of a particle
-        return set(names) - {"time"}
-    if file.suffix == ".parquet":
-        numbers = parquet_numbers(file)
-        return numbers if parcels else marks & numbers
-    return marks | (numbers_in(file, names, mapping) if parcels else set())

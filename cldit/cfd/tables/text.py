@@ -1,10 +1,8 @@
 """Tables of text with a delimiter: header, encoding, and columns as numbers."""
 
-import codecs
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -12,203 +10,152 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import Column
-from cldit.cfd.inputs import regular
+from cldit.cfd.inputs import HEAD_BYTES, regular
 from cldit.cfd.mapping.file import Table
 from cldit.cfd.names import is_mark
+from cldit.cfd.tolerances import EXACT
 from cldit.errors import SprayError
-from cldit.io.files import open_regular
+from cldit.io.files import open_regular, text_encoding
 from cldit.io.text_tables import delimiter_of, split_line
 
-
-def text_names(file: Path, table: Table) -> list[str]:
-    """Names in the header of a file; `table` gives the header's line and delimiter."""
-    return _header(file, table).names
-
-
-@dataclass(frozen=True)
-class _Header:
-    """Names, delimiter, number of the line, and the line itself."""
-
-    names: list[str]
-    delimiter: str
-    number: int
-    line: str
-
-
-def _header(file: Path, table: Table) -> _Header:
-    """Header of a table; a name in quotes may contain the delimiter. CFD-Post's follows [Data]."""
-    stated = "header_line" in table.model_fields_set
-    try:
-        with _opened_text(regular(file)) as stream:
-            lines = [stream.readline() for _ in range(table.header_line)]
-            if not stated and lines[-1].strip() in ("", "[Name]", "[Data]"):
-                lines += [stream.readline() for _ in range(_HEAD_LINES)]
-                marks = [n for n, line in enumerate(lines) if line.strip() == "[Data]"]
-                del lines[marks[0] + 2 if marks else table.header_line :]
-            number = len(lines)
-            while lines[-1].startswith("%") and not stated:
-                following = stream.readline()
-                if not following.startswith("%"):  # the last remark names the columns
-                    break
-                lines.append(following)
-    except SprayError:
-        raise
-    except (OSError, UnicodeError) as error:
-        raise SprayError(f"{file}: cannot be read ({error})") from error
-    line = lines[-1].encode("utf-8", "surrogateescape")
-    header = _decoded(line).strip("\r\n ").lstrip("#%").lstrip()
-    mark = table.delimiter or delimiter_of(header)
-    names = [part.strip().strip('"').strip() for part in split_line(header, mark)]
-    return _Header(names, mark, number, lines[-1].strip())
-
-
-def _encoding(file: Path) -> str:
-    """UTF-16 if the file begins with its mark; else UTF-8, whose invalid bytes are kept."""
-    with open_regular(file) as stream:
-        marked = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-    return "utf-16" if marked else "utf-8-sig"
-
-
-def _opened_text(file: Path) -> TextIO:
-    return file.open(encoding=_encoding(file), errors="surrogateescape")
-
-
-def _decoded(line: bytes) -> str:
-    """Text in UTF-8, else in cp1252, as spreadsheets on Windows write."""
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
-        return line.decode("cp1252", "replace")
-
-
-_HEAD_LINES = 20  # in which [Data] follows [Name] in a file of CFD-Post
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
-_EXACT = 2.0**53  # whole numbers below are exact as floats
 _UNDEFINED = re.compile(  # also as Windows writes it
     r"[-+]?(?:\d\.#(?:IND|QNAN|SNAN|INF)\d*|nan\(\w*\))|n/?a|null|", re.IGNORECASE
 )
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)")
 
 
-def _readable(line: str, delimiter: str, used: list[int]) -> str:
-    """Replaces undefined and empty cells by nan, and exponents of Fortran (1.5D-3) by 1.5e-3."""
-    if '"' in line:
-        return line
-    cells = split_line(line, delimiter)
-    for place in used:
-        cell = cells[place].strip()
-        if "D" in cell or "d" in cell:
-            cell = cells[place] = _FORTRAN.sub("e", cell)
-        if ("#" in cell or not cell[-1:].isdigit()) and _UNDEFINED.fullmatch(cell):
-            cells[place] = "nan"
-    return delimiter.join(cells)
+class TextTable:
+    """Table in a file: `names` of its columns; numbers and texts in the rows below its header.
 
-
-def text_columns(
-    file: Path, names: list[str], used: list[int], table: Table, marks: list[int]
-) -> dict[str, Column]:
-    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers, or texts if named so.
-
-    NumPy refuses rows of another length than the header; which line it is takes a second reading.
+    A name in quotes may contain the delimiter. In files of CFD-Post the header follows `[Data]`.
     """
-    named = [place for place in marks if is_mark(names[place])]
-    header = _header(file, table)
-    delimiter = header.delimiter
-    if delimiter == table.decimal:
-        problem = f"{delimiter!r} is both the delimiter and the decimal mark"
-        raise SprayError(f"{file}: {problem}; allowed delimiters: ; tab space")
-    _check_last_line(file)
-    count = 0
 
-    def lines(check: bool) -> Iterator[str]:
-        nonlocal count
-        count = 0
-        blanks = None if delimiter == " " else "\r\n "
-        with _opened_text(file) as stream:
+    def __init__(self, file: Path, layout: Table) -> None:
+        """Reads the header; `layout` gives its line, the delimiter and the decimal mark."""
+        self._file, self._decimal, self._rows = regular(file), layout.decimal, 0
+        self._encoding = text_encoding(file)
+        stated = "header_line" in layout.model_fields_set
+        with self._open() as stream:
+            lines = [stream.readline() for _ in range(layout.header_line)]
+            if not stated and lines[-1].strip() in ("", "[Name]", "[Data]"):
+                head = (lines[-1] + stream.read(HEAD_BYTES)).splitlines()
+                marks = [n for n, line in enumerate(head[:-1]) if line.strip() == "[Data]"]
+                lines = head[: marks[0] + 2] if marks else lines
+            while lines[-1].startswith("%") and not stated:
+                following = stream.readline()
+                if not following.startswith("%"):  # the last remark names the columns
+                    break
+                lines.append(following)
+        self._header, self._above = lines[-1].strip(), len(lines)
+        header = lines[-1].strip("\r\n ").lstrip("#%").lstrip()
+        self._delimiter = layout.delimiter or delimiter_of(header)
+        cells = split_line(header, self._delimiter)
+        self.names = [cell.strip().strip('"').strip() for cell in cells]
+
+    def _open(self) -> TextIO:
+        return self._file.open(encoding=self._encoding, errors="replace")
+
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        """Rows below the header, with the numbers of their lines; `_rows` counts them."""
+        blanks, self._rows = None if self._delimiter == " " else "\r\n ", 0
+        with self._open() as stream:
             for number, raw in enumerate(stream, start=1):
                 line = raw.strip(blanks)
-                if number <= header.number or not line or line[0] in "#%":
+                if number <= self._above or not line or line[0] in "#%":
                     continue
-                if line.strip() == header.line:  # again, where tables were put together
+                if line.strip() == self._header:  # again, where tables were put together
                     continue
-                if check and (cells := len(split_line(line, delimiter))) != len(names):
-                    raise SprayError(
-                        f"{file}: line {number} has {cells} cells, the header {len(names)} "
-                        f"(delimiter {delimiter!r}); put quotes around text that contains the "
-                        "delimiter, and give `delimiter` and `decimal` in the mapping file if "
-                        "numbers have a comma"
-                    )
-                count += 1
-                line = line.replace(",", ".") if table.decimal == "," else line
-                yield _readable(line, delimiter, used) if check else line
+                self._rows += 1
+                yield number, line.replace(",", ".") if self._decimal == "," else line
 
-    def load(check: bool, mark_form: str) -> NDArray[Any]:
-        held = marks if mark_form == "f8" else named
-        form = dict.fromkeys(held, mark_form) | dict.fromkeys(used, "f8")
-        # of the others one character is kept
-        kinds = [(str(place), form.get(place, "U1")) for place in range(len(names))]
-        mark = None if delimiter == " " else delimiter
-        return np.loadtxt(
-            lines(check), kinds, delimiter=mark, ndmin=1, quotechar='"', comments=None
+    def _readable(self, used: list[int]) -> Iterator[str]:
+        """Rows of as many cells as the header, with numbers as NumPy reads them.
+
+        Undefined and empty cells become nan, and exponents of Fortran (1.5D-3) 1.5e-3.
+        """
+        for number, line in self._lines():
+            cells = split_line(line, self._delimiter)
+            if len(cells) != len(self.names):
+                raise SprayError(
+                    f"{self._file}: line {number} has {len(cells)} cells, the header "
+                    f"{len(self.names)} (delimiter {self._delimiter!r}); put quotes around text "
+                    "that contains the delimiter, and give `delimiter` and `decimal` in the "
+                    "mapping file if numbers have a comma"
+                )
+            for place in [] if '"' in line else used:
+                cell = cells[place] = _FORTRAN.sub("e", cells[place].strip())
+                if ("#" in cell or not cell[-1:].isdigit()) and _UNDEFINED.fullmatch(cell):
+                    cells[place] = "nan"
+            yield line if '"' in line else self._delimiter.join(cells)
+
+    def _load(self, used: list[int], texts: dict[int, str], *, strict: bool) -> NDArray[Any]:
+        """Columns that are `used` as numbers, others of the forms in `texts`, or one character."""
+        form = texts | dict.fromkeys(used, "f8")
+        kinds = [(str(place), form.get(place, "U1")) for place in range(len(self.names))]
+        lines = self._readable(used) if strict else (line for _, line in self._lines())
+        mark = None if self._delimiter == " " else self._delimiter
+        return np.loadtxt(lines, kinds, delimiter=mark, ndmin=1, quotechar='"', comments=None)
+
+    def columns(self, used: list[int], marks: list[int]) -> dict[str, Column]:
+        """Columns (N,) by name: `used` ones as numbers, `marks` as numbers, or texts if named so.
+
+        NumPy refuses rows of another length than the header; which line it is takes another
+        reading. Numbers are sorted faster than texts.
+        """
+        named = [place for place in marks if is_mark(self.names[place])]
+        if self._delimiter == self._decimal:
+            problem = f"{self._delimiter!r} is both the delimiter and the decimal mark"
+            raise SprayError(f"{self._file}: {problem}; allowed delimiters: ; tab space")
+        self._check_last_line()
+        ways = [(marks, "f8", False), (named, "U64", False), (named, "U64", True)]
+        for places, form, strict in ways:
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", UserWarning)  # no row: the caller's error
+                    rows = self._load(used, dict.fromkeys(places, form), strict=strict)
+            except SprayError:
+                raise
+            except ValueError as error:
+                if strict:
+                    raise self._no_number(used) from error
+                continue
+            if form != "f8" or all(np.all(np.abs(rows[str(n)]) < EXACT) for n in named):
+                break
+        if len(rows) != self._rows:
+            counts = f"{self._rows} lines make {len(rows)} rows"
+            raise SprayError(f"{self._file}: {counts}: a quote is not closed")
+        labels = {place: f"{self._file}: column {self.names[place]}" for place in (*used, *places)}
+        return {self.names[n]: Column(label, rows[str(n)]) for n, label in labels.items()}
+
+    def _check_last_line(self) -> None:
+        """Refuses a file whose last line has no end, as it is cut off."""
+        with open_regular(self._file) as stream:
+            stream.seek(max(stream.seek(0, 2) - 2, 0))
+            if not stream.read().strip(b"\0").endswith((b"\n", b"\r")):
+                raise SprayError(f"{self._file}: its last line has no end: the file is cut off")
+
+    def _no_number(self, used: list[int]) -> SprayError:
+        """Error that names the first cell that is no number, with advice."""
+        rows = (split_line(line, self._delimiter) for line in self._readable(used))
+        bad = (
+            (self.names[n], row[n].strip()) for row in rows for n in used if not _is_number(row[n])
         )
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # no row: the caller's error
-            for mark_form in ("f8", "U64")[: 1 + bool(marks)]:  # numbers are sorted faster
-                try:
-                    rows = load(False, mark_form)
-                except ValueError:
-                    continue
-                numbers = [rows[str(place)] for place in named if mark_form == "f8"]
-                if all(np.all(np.abs(values) < _EXACT) for values in numbers):
-                    break
-            else:
-                rows = load(True, mark_form := "U64")
-    except (ValueError, OSError) as error:
-        if isinstance(error, SprayError):
-            raise
-        cells = ((split_line(line, delimiter), place) for line in lines(True) for place in used)
-        bad = ((names[at], row[at].strip()) for row, at in cells if not _is_number(row[at]))
         name, cell = next(bad, ("", ""))
-        shown = f"{cell!a} in the column {name}"
-        way = _way_to_numbers(cell)
-        raise SprayError(f"{file}: not all numbers: row {count} has {shown}; {way}") from error
-    if len(rows) != count:
-        raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
-    return {
-        names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
-        for place in (*used, *(marks if mark_form == "f8" else named))
-    }
+        way = "write numbers, or leave a cell empty that has none"
+        if "," in cell:
+            way = "for a decimal comma give `decimal: ','` in the mapping file"
+        if _THOUSANDS.fullmatch(cell):
+            way = "remove the thousands separators"
+        shown = f"row {self._rows} has {cell!a} in the column {name}"
+        return SprayError(f"{self._file}: not all numbers: {shown}; {way}")
 
-
-def _check_last_line(file: Path) -> None:
-    """Refuses a file whose last line has no end, as it is cut off."""
-    with open_regular(file) as stream:
-        stream.seek(max(stream.seek(0, 2) - 2, 0))
-        if not stream.read().strip(b"\0").endswith((b"\n", b"\r")):
-            raise SprayError(f"{file}: its last line has no end: the file is cut off")
-
-
-def _way_to_numbers(cell: str) -> str:
-    """Advice on a cell that is no number."""
-    if _THOUSANDS.fullmatch(cell):
-        return "remove the thousands separators"
-    if "," in cell:
-        return "for a decimal comma give `decimal: ','` in the mapping file"
-    return "write numbers, or leave a cell empty that has none"
-
-
-def numbers_in(file: Path, names: list[str], table: Table) -> set[str]:
-    """Names of the columns that have a number in the first row below the header."""
-    header = _header(file, table)
-    with _opened_text(regular(file)) as stream:
-        rows = (line.strip() for n, line in enumerate(stream) if n >= header.number)
-        row = next((line for line in rows if line and line[0] not in "#%"), "")
-    cells = zip(names, split_line(row, header.delimiter), strict=False)
-    decimal = str.maketrans(table.decimal, ".")
-    return {name for name, cell in cells if name and _NUMBER.fullmatch(cell.translate(decimal))}
+    def numeric(self) -> set[str]:
+        """Names of the columns that have a number in the first row below the header."""
+        _, row = next(self._lines(), (0, ""))
+        cells = zip(self.names, split_line(row, self._delimiter), strict=False)
+        return {name for name, cell in cells if name and _NUMBER.fullmatch(cell)}
 
 
 def _is_number(cell: str) -> bool:

@@ -101,34 +101,14 @@ def pvd_steps(file: Path) -> tuple[dict[float, list[Entry]], tuple[str, ...]]:
     return by_time, back
 
 
-@dataclass(frozen=True)
-class Listed:
-    """File that a `.series` lists."""
-
-    series: Path
-    step: str
-    time_s: float
-    file: Path
-
-    @property
-    def of_cloud(self) -> bool:
-        """True if the place of the list marks it as parcels."""
-        return "lagrangian" in self.series.parts
-
-    @property
-    def text(self) -> str:
-        """Start of an error message."""
-        return f"{self.series}: lists step {self.step} ({self.time_s:g} s)"
-
-
-def series(file: Path) -> list[Listed]:
-    """Files and times that a JSON file for ParaView lists."""
+def series(file: Path) -> list[tuple[str, float, Path]]:
+    """Steps, times and files that a JSON file for ParaView lists."""
     data = read_json(file, error=SprayError)
     try:
         names = [(Path(entry["name"]), float(entry["time"])) for entry in data["files"]]
     except (ValueError, KeyError, TypeError) as error:
         raise SprayError(f"{file}: is no list of files and times ({error})") from error
-    return [Listed(file, step_of(name), time, file.parent / name) for name, time in names]
+    return [(step_of(name), time, file.parent / name) for name, time in names]
 
 
 def _must_be(file: Path, named_by: tuple[Path, ...]) -> None:

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, nodes_in, open_hdf
-from cldit.cfd.inputs import module, regular
-from cldit.cfd.size import Size
+from cldit.cfd.inputs import AT_ONCE, module, regular
+from cldit.cfd.size import WHILE_READING, Size
 from cldit.errors import SprayError
 
 COMPOSITE = (".vtkhdf",)
-_AT_ONCE = 1 << 20  # rows: 25 MB of vectors in doubles
-_WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
 
 
 def composite_reader(file: Path) -> Any:
@@ -38,8 +36,8 @@ def _check(file: Path) -> None:
             if not array.shape:
                 array[()]
                 continue
-            for start in range(0, len(array), _AT_ONCE):
-                array[start : start + _AT_ONCE]
+            for start in range(0, len(array), AT_ONCE):
+                array[start : start + AT_ONCE]
         for group in nodes_in(root):
             if hasattr(group, "keys") and "Steps" in group:
                 _check_steps(file, group)
@@ -83,7 +81,7 @@ def composite_size(file: Path) -> Size:
         cells = sum(int(np.sum(array[()])) for array in counts if "Types" in array.parent)
         counts = [array for array in arrays if array.name.endswith("/NumberOfPoints")]
         points = sum(int(np.sum(array[()])) for array in counts if "Types" not in array.parent)
-    return Size(cells, points, _WHILE_READING * stored)
+    return Size(cells, points, WHILE_READING["hdf"] * stored)
 
 
 def times_in(file: Path) -> tuple[float, ...]:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.case import Column
-from cldit.cfd.mesh.elements import ElementMesh, PolyhedronFaces
+from cldit.cfd.mesh.cells import Polyhedra
+from cldit.cfd.mesh.elements import ElementMesh
 from cldit.errors import SprayError
 
 GHOSTS = "vtkGhostType"  # name of the array that marks cells and points
@@ -125,10 +126,11 @@ def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
         kinds = as_numpy(grid.GetCellTypes())
     nodes, offsets = lists_of(grid.GetCells())
     faces, locations = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
-    solid = None
+    points, solids = points_of(grid), None
     if faces is not None and locations is not None and locations.GetNumberOfCells():
-        solid = PolyhedronFaces(*lists_of(faces), *lists_of(locations))
-    return ElementMesh(points_of(grid), kinds, offsets, nodes, str(file), solid)
+        sides, first = lists_of(locations)
+        solids = Polyhedra(points, *lists_of(faces), first, sides, np.arange(count))
+    return ElementMesh(points, kinds, offsets, nodes, str(file), solids)
 
 
 def lists_of(cells: Any) -> tuple[Any, Any]:

@@ -1,7 +1,7 @@
 """Cells and parcels that `vtkGhostType` marks as copies of another piece's, or as hidden."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,73 +9,60 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
 from cldit.cfd.one_state import hashes
+from cldit.cfd.tolerances import ROUNDED
 from cldit.cfd.vtk.datasets import GHOSTS, as_numpy, cell_lists, dimension, points_of
 
-# bits of the array vtkGhostType (vtkDataSetAttributes): a copy of another piece's cell, a cell that
-# finer ones replace, one outside, one that is hidden; a copied and a hidden point
-_MARKED_CELL = 1 | 8 | 16 | 32
-_MARKED_POINT = 1 | 2
-_SAME = 1e-6  # of the width of a case: copies of a cell are nearer to each other
+
+def ghost_remarks(marked: Counter[str]) -> tuple[str, ...]:
+    """Sentences on the cells and points that `without_ghosts` omitted or kept."""
+    counts = [f"{marked[kind]} {kind}" for kind in ("cells", "points") if marked[kind]]
+    lines = [f"Marked as ghost or hidden, omitted: {' and '.join(counts)}."] if counts else []
+    if marked["kept"]:
+        lines.append(f"Marked as ghost in every piece, kept once: {marked['kept']}.")
+    return tuple(lines)
 
 
-@dataclass
-class Marked:
-    """Numbers of cells and points that were marked as copied or hidden, and omitted.
-
-    nowhere: those that every piece marks as a copy, of which one was kept.
-    """
-
-    cells: int = 0
-    points: int = 0
-    nowhere: int = 0
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentence on them, if there are any."""
-        pairs = ((self.cells, "cells"), (self.points, "points"))
-        counts = [f"{count} {kind}" for count, kind in pairs if count]
-        lines = [f"Marked as ghost or hidden, omitted: {' and '.join(counts)}."] if counts else []
-        if self.nowhere:
-            lines.append(f"Marked as ghost in every piece, kept once: {self.nowhere}.")
-        return tuple(lines)
-
-
-def without_ghosts(pieces: Sequence[Any], marked: Marked) -> list[Any]:
+def without_ghosts(pieces: Sequence[Any], marked: Counter[str]) -> list[Any]:
     """Pieces of a data set without the cells and parcels that `vtkGhostType` marks.
 
-    A copy that is marked in every piece is kept once. Points of a mesh are kept, as cells refer to
-    them. Points of a set without cells of three dimensions are parcels.
+    Adds their numbers to `marked`: of `cells` and `points` that were omitted, and of copies that
+    were `kept`. A copy that is marked in every piece is kept once. Points of a mesh are kept, as
+    cells refer to them. Points of a set without cells of three dimensions are parcels.
     """
     bits = [_bits(data) for data in pieces]
     spared = [np.zeros(len(marks), dtype=bool) for marks in bits]
     if sum(bool(np.any(marks == 1)) for marks in bits) > 1:
         spared = _owned_by_none([_places(data) for data in pieces], bits)
-        marked.nowhere += sum(int(mask.sum()) for mask in spared)
+        marked["kept"] += sum(int(mask.sum()) for mask in spared)
     cleaned = []
     for data, marks, saved in zip(pieces, bits, spared, strict=True):
         bad = (marks != 0) & ~saved
         if not bad.any():
             cleaned.append(data)
         elif dimension(data) > 0:
-            marked.cells += int(bad.sum())
+            marked["cells"] += int(bad.sum())
             cleaned.append(_cells_of(data, np.flatnonzero(~bad)))
         else:
-            marked.points += int(bad.sum())
+            marked["points"] += int(bad.sum())
             cleaned.append(as_points(data, np.flatnonzero(~bad)))
     return cleaned
 
 
 def _bits(data: Any) -> NDArray[np.integer]:
     """Marks of the cells, or of the parcels of a set of points."""
+    from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes as Bits
+
+    cell_bits = Bits.DUPLICATECELL | Bits.REFINEDCELL | Bits.EXTERIORCELL | Bits.HIDDENCELL
+    point_bits = Bits.DUPLICATEPOINT | Bits.HIDDENPOINT
     in_cells, at_points = data.GetCellData().GetArray(GHOSTS), data.GetPointData().GetArray(GHOSTS)
     if dimension(data) > 0:
         none = np.zeros(data.GetNumberOfCells(), np.uint8)
-        return none if in_cells is None else as_numpy(in_cells) & _MARKED_CELL
+        return none if in_cells is None else as_numpy(in_cells) & cell_bits
     marks = np.zeros(data.GetNumberOfPoints(), np.uint8)
     if at_points is not None:
-        marks |= as_numpy(at_points) & _MARKED_POINT
+        marks |= as_numpy(at_points) & point_bits
     if in_cells is not None and data.GetNumberOfCells() == len(marks):  # vertices
-        marks |= as_numpy(in_cells) & _MARKED_CELL
+        marks |= as_numpy(in_cells) & cell_bits
     return marks
 
 
@@ -92,7 +79,7 @@ def _places(data: Any) -> Floats:
 def _owned_by_none(places: Sequence[Floats], bits: Sequence[NDArray[np.integer]]) -> list[Mask]:
     """First of the copies at each place at which several are and no entry is unmarked."""
     points, marks = np.concatenate(list(places)), np.concatenate(list(bits))
-    step = _SAME * max(float(np.ptp(points, axis=0).max()), 1e-12)
+    step = ROUNDED * max(float(np.ptp(points, axis=0).max()), 1e-12)
     key = hashes(np.floor(points / step + np.sqrt(0.5)))
     copies = np.flatnonzero(marks == 1)
     keys, index, count = np.unique(key[copies], return_index=True, return_counts=True)

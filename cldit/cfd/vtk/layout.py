@@ -1,15 +1,15 @@
 """VTK files of a path: foamToVTK's folders, ParaView's collections, single files."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cldit.cfd.times import TIME_TOLERANCE
+from cldit.cfd.tolerances import ROUNDED
 from cldit.cfd.vtk.collections import (
     COLLECTIONS,
     DATA,
     Entry,
-    Listed,
     entries,
     pvd_steps,
     series,
@@ -28,14 +28,14 @@ _CLOUDS = tuple(f"{place}.{kind}" for place in _PLACES for kind in ("vtp", "vtk"
 class Layout:
     """Data sets by step; times by step, if a list states them.
 
-    listed: entries of `.series` files, of missing files as well. named_step: step of a named file.
+    listed: steps, times and files in each `.series`, missing files too. named_step: that of a file.
     read: files that were read for this. left_out: files of which nothing is used. beside: files
     next to the named one that it does not include, and that may be its parcels.
     """
 
     steps: dict[str, list[Entry]]
     times: dict[str, float] = field(default_factory=dict)
-    listed: tuple[Listed, ...] = ()
+    listed: Mapping[Path, list[tuple[str, float, Path]]] = field(default_factory=dict)
     read: tuple[Path, ...] = ()
     left_out: tuple[Path, ...] = ()
     beside: tuple[Path, ...] = ()
@@ -105,15 +105,15 @@ def _foam(folder: Path, path: Path) -> Layout:
             entry = Entry(without_step(stem(cloud_file)), (file,), cloud=True)
             steps.setdefault(step_of(inside), []).append(entry)
     lists = [item for glob in ("*.series", "lagrangian/*/*.series") for item in folder.glob(glob)]
-    listed = tuple(item for file in sorted(lists) for item in series(file))
-    times = {item.step: item.time_s for item in listed}
+    listed = {file: series(file) for file in sorted(lists)}
+    times = {step: time_s for items in listed.values() for step, time_s, _ in items}
     step = None
     if path != folder and path.suffix != ".series":
         step = step_of(path.relative_to(folder))
         named = [item for item in steps.get(step, []) if path in item.pieces]
         if named:  # no other file of its kind
             steps[step] = named + [item for item in steps[step] if item.cloud != named[0].cloud]
-    return Layout(steps, times, listed, read=tuple(sorted(lists)), named_step=step)
+    return Layout(steps, times, listed, read=tuple(listed), named_step=step)
 
 
 def _folder(folder: Path) -> Layout:
@@ -134,10 +134,9 @@ def _folder(folder: Path) -> Layout:
     for file, group in by_file.items():
         if file not in named:
             steps.setdefault(step_of(Path(file.name)), []).extend(group)
-    lists = sorted(folder.glob("*.series"))
-    listed = tuple(item for file in lists for item in series(file))
-    times = {item.step: item.time_s for item in listed}
-    return Layout(steps, times, listed, read=tuple(lists))
+    listed = {file: series(file) for file in sorted(folder.glob("*.series"))}
+    times = {step: time_s for items in listed.values() for step, time_s, _ in items}
+    return Layout(steps, times, listed, read=tuple(listed))
 
 
 def _pvd(lists: list[Path]) -> Layout:
@@ -148,7 +147,7 @@ def _pvd(lists: list[Path]) -> Layout:
         named, back = pvd_steps(file)
         remarks += back
         for time, data_sets in named.items():
-            close = (k for k, t in times.items() if abs(t - time) <= TIME_TOLERANCE * abs(t))
+            close = (k for k, t in times.items() if abs(t - time) <= ROUNDED * abs(t))
             key = next(close, repr(time))
             times.setdefault(key, time)
             steps.setdefault(key, []).extend(data_sets)

@@ -21,8 +21,6 @@ from cldit.io.progress import Watch, silent
 Choose = Callable[[Set[str], Set[str]], tuple[Set[str], Set[str]]]
 """Takes the names of a file's cell and point fields, and gives those that are to be read."""
 
-_BAD_NAME = re.compile(rb"Name=[\"']([^\"'\n]*<[^\"'\n]*)[\"']")
-
 
 @dataclass(frozen=True)
 class Loaded:
@@ -181,13 +179,6 @@ def _messages(file: Path, reader: Any) -> Iterator[None]:
         messages = messages.decode("latin-1")
     note = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", messages)
     if note or reader.GetErrorCode():
-        head = file.read_bytes().partition(b"<AppendedData")[0]
-        if (bad := _BAD_NAME.search(head)) is not None:
-            raise SprayError(
-                f"{file}: names a field {bad.group(1).decode('latin-1')!r} with a mark that XML "
-                "does not allow, as foamToVTK of v1912 does; export only what is needed: "
-                "foamToVTK -fields '(T p rho C7H16)'"
-            )
         reason = ascii(note.group(1)).strip("'\"") if note else f"vtk error {reader.GetErrorCode()}"
         raise SprayError(f"{file}: is damaged or truncated ({reason})")
 

@@ -1,6 +1,7 @@
 """Step of VTK files at a time: its data sets, sorted into meshes and clouds."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, without_step
 from cldit.cfd.vtk.composite import COMPOSITE
 from cldit.cfd.vtk.datasets import as_numpy, cell_lists, dimension, time_value
-from cldit.cfd.vtk.ghosts import Marked, as_points, without_ghosts
+from cldit.cfd.vtk.ghosts import as_points, ghost_remarks, without_ghosts
 from cldit.cfd.vtk.layout import Layout
 from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
 from cldit.errors import NotAtThisTime, SprayError
@@ -111,13 +112,17 @@ def find_step(
             claims = (*layout.steps[rival], *layout.steps[key])
             only_claimant(f"time {time:g}", (entry.pieces[0] for entry in claims))
     if len(by_time) == len(times):
-        missing = [item for item in layout.listed if item.step not in times]
-        absent = {item.time_s: item for item in missing if layout.named_step is None}
+        absent = {
+            time: f"{file}: lists step {step} ({time:g} s)"
+            for file, items in layout.listed.items()
+            for step, time, _ in items
+            if step not in times and layout.named_step is None
+        }
         chosen = choose_time(str(path), [*by_time, *absent], time_s)
         if chosen not in by_time:
             shown = ", ".join(f"{time:g}" for time in sorted(by_time)[-5:])
             raise SprayError(
-                f"{absent[chosen].text}, and its mesh is missing; restore it, or choose of: {shown}"
+                f"{absent[chosen]}, and its mesh is missing; restore it, or choose of: {shown}"
             )
         at: float | None = chosen
         key = by_time[chosen]
@@ -129,9 +134,13 @@ def find_step(
         pieces = "if they are pieces of one state, name all of them in a .pvtu and give its path"
         raise SprayError(f"{path}: {problem}; {steps}; {pieces}")
     data_sets = layout.steps[key]
-    for item in layout.listed if cloud != NO_CLOUD else ():
-        if item.step == key and item.of_cloud and not item.file.exists():
-            raise SprayError(f"{item.text}, whose file {item.file.name} is missing")
+    clouds = [file for file in layout.listed if "lagrangian" in file.parts and cloud != NO_CLOUD]
+    for listing_file, (step, time, inside) in (
+        (file, item) for file in clouds for item in layout.listed[file]
+    ):
+        if step == key and not inside.exists():
+            listing = f"{listing_file}: lists step {step} ({time:g} s)"
+            raise SprayError(f"{listing}, whose file {inside.name} is missing")
     elsewhere = {k for k, group in layout.steps.items() if any(map(_parcels_likely, group))}
     if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, data_sets)):
         hint = f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
@@ -156,7 +165,7 @@ def _sorted(
     meshes: dict[Entry, list[Loaded]] = {}
     clouds: dict[str, list[Loaded]] = {}
     claims: dict[str, list[Path]] = {}
-    marked = Marked()
+    marked: Counter[str] = Counter()
     files = list(layout.read)
     surfaces = list(layout.left_out)
     for entry, loaded in (pair for item in group for pair in loader.parts(item).items()):
@@ -195,7 +204,7 @@ def _sorted(
             f"{group[0].pieces[0].parent}: no gas: no data set of cells with a volume ({held}); "
             "name the gas, or the folder of gas and parcels"
         )
-    remarks = (*layout.remarks, *marked.remarks)
+    remarks = (*layout.remarks, *ghost_remarks(marked))
     if surfaces:
         remarks = (*remarks, f"Omitted, neither gas nor parcels: {shown}.")
     return Step(at, gas, clouds, tuple(dict.fromkeys(files)), remarks)

@@ -7,10 +7,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-import yaml
 
 from tests.unit.cfd.conftest import Form, write_case
-from tests.unit.cfd.formats.conftest import WRITERS, write_tables
+from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.formats.test_fluent import write_fluent
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
 
@@ -93,26 +92,29 @@ def write_elements(file: Path, kind: int, corners: Any) -> Path:
     return _zone(file, kind, corners, np.arange(len(corners)), 1, fields, points=False)
 
 
+_FORMS = {"f8": "R8", "f4": "R4", "i4": "I4"}
+
+
+def node(parent: Any, name: str, label: str, data: Any = None, form: str = "MT") -> Any:
+    """Node of CGNS: a group with attributes, and its data, of a text or an array."""
+    made, values = parent.create_group(name, track_order=True), None
+    if isinstance(data, str):
+        form, values = "C1", np.frombuffer(data.encode(), "i1")
+    elif data is not None:
+        values = np.asarray(data)
+        values = values.astype("i4") if values.dtype.kind == "i" else values
+        form = _FORMS[values.dtype.str[1:]]
+    for key, text, size in (("name", name, 33), ("label", label, 33), ("type", form, 3)):
+        made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
+    made.attrs["flags"] = np.array([1], "i4")
+    if values is not None:
+        made[" data"] = values
+    return made
+
+
 def _zone(
     file: Path, kind: int, places: Any, nodes: Any, cells: int, fields: Any, *, points: bool
 ) -> Path:
-    kinds = {"f8": "R8", "f4": "R4", "i4": "I4"}
-
-    def node(parent: Any, name: str, label: str, data: Any = None) -> Any:
-        made = parent.create_group(name, track_order=True)
-        form, values = "MT", None
-        if isinstance(data, str):
-            form, values = "C1", np.frombuffer(data.encode(), "i1")
-        elif data is not None:
-            values = np.asarray(data)
-            form = kinds[values.dtype.str[1:]]
-        for key, text, size in (("name", name, 33), ("label", label, 33), ("type", form, 3)):
-            made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
-        made.attrs["flags"] = np.array([1], "i4")
-        if values is not None:
-            made[" data"] = values
-        return made
-
     with h5py.File(file, "w", track_order=True) as root:
         for key, text, size in (
             ("name", "HDF5 MotherNode", 33),
@@ -123,15 +125,15 @@ def _zone(
         root[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", "i1")
         root[" hdf5version"] = np.frombuffer(b"HDF5 Version 1.8.17".ljust(33, b"\0"), "i1")
         node(root, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([3.3], "f4"))
-        base = node(root, "Base", "CGNSBase_t", np.array([3, 3], "i4"))
-        zone = node(base, "Zone", "Zone_t", np.array([[len(places)], [cells], [0]], "i4"))
+        base = node(root, "Base", "CGNSBase_t", [3, 3])
+        zone = node(base, "Zone", "Zone_t", np.array([[len(places)], [cells], [0]]))
         node(zone, "ZoneType", "ZoneType_t", "Unstructured")
         held = node(zone, "GridCoordinates", "GridCoordinates_t")
         for letter, column in zip("XYZ", places.T, strict=True):
             node(held, f"Coordinate{letter}", "DataArray_t", column.astype("f8"))
-        part = node(zone, "Hexahedra", "Elements_t", np.array([kind, 0], "i4"))
-        node(part, "ElementRange", "IndexRange_t", np.array([1, cells], "i4"))
-        node(part, "ElementConnectivity", "DataArray_t", (nodes + 1).astype("i4"))
+        part = node(zone, "Hexahedra", "Elements_t", [kind, 0])
+        node(part, "ElementRange", "IndexRange_t", [1, cells])
+        node(part, "ElementConnectivity", "DataArray_t", nodes + 1)
         solution = node(zone, "Solution", "FlowSolution_t")
         node(solution, "GridLocation", "GridLocation_t", "Vertex" if points else "CellCenter")
         for name, values in fields.items():
@@ -178,29 +180,6 @@ def write_format(kind: str, folder: Path, sample: Any) -> Path:
         return write_fluent(folder, sample)
     if kind == "cgns":
         return write_cgns(folder / "a.cgns", sample)
-    if kind == "parquet":
-        return in_parquet(write_tables(folder, sample))
     blocks = {"gas": block_grid(block, gas), "drops": cloud_data(cloud)}
     file = write_hdf(folder / "a.vtkhdf", blocks)
     return file if kind == "vtkhdf-by-vtk" else with_checksums(file)
-
-
-def in_parquet(mapping: Path) -> Path:
-    """Both tables of `write_tables` as Parquet with checksums, and the mapping that names them."""
-    import pyarrow
-    from pyarrow import parquet
-
-    data = yaml.safe_load(mapping.read_text())
-    for part, mark in (("cells", ","), ("parcels", " ")):
-        text = mapping.parent / data[part]["file"]
-        _, head, *rows = text.read_text().splitlines()
-        columns = np.array([[float(each) for each in row.split(mark)] for row in rows]).T
-        table = pyarrow.table(dict(zip(head.split(mark), columns, strict=True)))
-        file = text.with_suffix(".parquet")
-        parquet.write_table(table, file, write_page_checksum=True)
-        text.unlink()
-        for key in ("header_line", "delimiter"):
-            data[part].pop(key, None)
-        data[part]["file"] = file.name
-    mapping.write_text(yaml.safe_dump(data))
-    return mapping

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.unit.cfd.composites import write_cgns
+from tests.unit.cfd.composites import node, write_cgns
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import notes_of, read, refused
 
@@ -16,15 +16,6 @@ h5py = pytest.importorskip("h5py")
 
 
 ZONE = "Base/Zone"
-
-
-def node(parent: Any, name: str, label: str, data: Any = None, form: str = "MT") -> Any:
-    made = parent.create_group(name, track_order=True)
-    for key, text, size in (("name", name, 33), ("label", label, 33), ("type", form, 3)):
-        made.attrs.create(key, np.bytes_(text.encode()), dtype=f"S{size}")
-    if data is not None:
-        made[" data"] = np.asarray(data, "i4")
-    return made
 
 
 def section(zone: Any, name: str, kind: int, first: int, lists: list[Any]) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.cfd.mesh import cells as meshes
-from cldit.cfd.mesh.elements import POLYHEDRON, BoxMesh, ElementMesh, PolyhedronFaces
+from cldit.cfd.mesh.elements import POLYHEDRON, BoxMesh, ElementMesh
 from cldit.cfd.mesh.faces import join
 from cldit.cfd.openfoam import lists as foamlists
 from cldit.cfd.openfoam.file import FoamFile
@@ -21,11 +21,13 @@ from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import read, same
 
 CUBE = np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
-FACES = PolyhedronFaces(
+FACES = meshes.Polyhedra(
+    points_m=CUBE,
     corners=np.array([0, 3, 2, 1, 4, 5, 6, 7, 0, 1, 5, 4, 1, 2, 6, 5, 2, 3, 7, 6, 3, 0, 4, 7]),
     start=np.arange(0, 25, 4),
-    faces=np.arange(6),
+    sides=np.arange(6),
     first=np.array([0, 0, 6]),
+    members=np.arange(2),
 )
 # a hexahedron, and the same as a polyhedron
 TWO = ElementMesh(
@@ -76,13 +78,13 @@ def test_cells_without_vapour_are_left_out_wherever_they_come(
         ({"nodes": np.tile([-1, 1, 2, 3, 4, 5, 6, 7], 2)}, r"point labels -1 to 7"),
         ({"kinds": np.array([10, POLYHEDRON])}, "cell 0 of vtk type 10 has 8 corners, expected 4"),
         ({"kinds": np.array([12, 7])}, "cell 1 is of vtk type 7; allowed: tetrahedra"),
-        ({"kinds": np.array([12, POLYHEDRON]), "faces": None}, "cell 1 is of vtk type 42"),
+        ({"kinds": np.array([12, POLYHEDRON]), "solids": None}, "cell 1 is of vtk type 42"),
         ({"offsets": np.array([0, 8, 15])}, "do not use all of its corners"),
         ({"offsets": np.array([0, 24, 16])}, "cell 0 of vtk type 12 has 24 corners"),
-        ({"faces": replace(FACES, corners=FACES.corners + 1)}, r"point labels 1 to 8"),
-        ({"faces": replace(FACES, faces=FACES.faces + 1)}, r"face labels 1 to 6"),
-        ({"faces": replace(FACES, first=np.array([0, 7, 6]))}, "do not fit their cells"),
-        ({"faces": replace(FACES, start=np.array([0, 2, 8, 12, 16, 20, 24]))}, "do not fit"),
+        ({"solids": replace(FACES, corners=FACES.corners + 1)}, r"point labels 1 to 8"),
+        ({"solids": replace(FACES, sides=FACES.sides + 1)}, r"face labels 1 to 6"),
+        ({"solids": replace(FACES, first=np.array([0, 7, 6]))}, "do not fit their cells"),
+        ({"solids": replace(FACES, start=np.array([0, 2, 8, 12, 16, 20, 24]))}, "do not fit"),
         ({"points_m": CUBE * np.nan}, "a point of the mesh is not within"),
     ],
 )
@@ -98,7 +100,7 @@ def test_text_is_read_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     values = np.random.default_rng(5).normal(size=200)
     text = f"200(\n{' '.join(map(repr, values.tolist()))}\n)".encode()
     mixed = b"3(3(0 1 2)\n4(0 1 4 3) 3(2 1 4))\n"
-    monkeypatch.setattr(foamlists, "_AT_ONCE", 7)
+    monkeypatch.setattr(foamlists, "AT_ONCE", 7)
     assert np.array_equal(scalars(file(text)), values)
     assert labels(file(b"4(11 22 3333333 -1)")).tolist() == [11, 22, 3333333, -1]
     corners, start = faces(file(mixed))
@@ -115,10 +117,11 @@ def test_text_is_read_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("at_once", [50, 1 << 20])
 def test_counts_of_pieces(at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(head, "_AT_ONCE", at_once)
+    monkeypatch.setattr(head, "AT_ONCE", at_once)
     piece = b'<Piece NumberOfPoints="12" NumberOfCells="5">\n' + b"0.5 " * 300 + b"</Piece>\n"
     file = tmp_path / "mesh.vtu"
-    file.write_bytes(b"<VTKFile><UnstructuredGrid>" + 3 * piece + b"</UnstructuredGrid>")
+    file.write_bytes(b"<VTKFile>" + 3 * piece + b"</VTKFile>")
     assert piece_counts(file) == (36, 15)
-    file.write_bytes(piece.replace(b'"', b"'") + b'<AppendedData encoding="raw">_' + piece)
+    begin = b"<VTKFile>" + piece.replace(b'"', b"'")
+    file.write_bytes(begin + b'<AppendedData encoding="raw">_' + piece)
     assert piece_counts(file) == (12, 5)

@@ -14,16 +14,11 @@ import pytest
 from cldit.cfd.formats import contents, read_case
 from cldit.cfd.mapping_draft import write_mapping
 from cldit.scene.spray import CfdSpray
-from tests.unit.cfd.composites import (
-    in_parquet,
-    write_cgns,
-    write_elements,
-    write_hdf,
-    write_hdf_steps,
-)
+from tests.unit.cfd.composites import write_cgns, write_elements, write_hdf, write_hdf_steps
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import notes_of, read, refused
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts
+from tests.unit.cfd.vtkfiles import cell_arrays
 
 
 def masses(path: Path, **keys: Any) -> tuple[float, float]:
@@ -109,8 +104,6 @@ def test_cgns(tmp_path: Path, points: bool) -> None:
 
 def test_vtk_reads_the_same_cgns(tmp_path: Path) -> None:
     """Single precision of that reader's points: 1e-7 of a place over the edge of a cell."""
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
     from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
     block, gas, _ = sample = foam.sample()
@@ -120,15 +113,11 @@ def test_vtk_reads_the_same_cgns(tmp_path: Path) -> None:
     reader.UpdateInformation()
     reader.EnableAllCellArrays()
     reader.Update()
-    sizes: Any = vtkCellSizeFilter()
-    sizes.SetInputData(reader.GetOutput().GetBlock(0).GetBlock(0))
-    sizes.Update()
-    found = sizes.GetOutput().GetCellData()
-    convert: Any = numpy_support.vtk_to_numpy
-    told = {name: convert(found.GetArray(name)) for name in ("Volume", "C7H16", "Density")}
-    assert told["Volume"] == pytest.approx(block.volume, rel=1e-4, abs=0)
-    assert told["C7H16"] == pytest.approx(gas["C7H16"], rel=1e-7)
-    assert told["Density"] == pytest.approx(gas["rho"], rel=1e-7)
+    grid = reader.GetOutput().GetBlock(0).GetBlock(0)
+    volume, fuel, density = cell_arrays(grid, "C7H16", "Density")
+    assert volume == pytest.approx(block.volume, rel=1e-4, abs=0)
+    assert fuel == pytest.approx(gas["C7H16"], rel=1e-7)
+    assert density == pytest.approx(gas["rho"], rel=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -194,12 +183,12 @@ def test_no_such_file(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
-@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf", "a.cas.h5", "a.parquet", "a.dpm"])
+@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf", "a.cas.h5", "a.dpm"])
 def test_pipes_keep_nobody_waiting(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
     (tmp_path / "a.dat.h5").write_bytes(b"")
     case = tmp_path / name
-    if name.endswith((".parquet", ".dpm")):
+    if name.endswith(".dpm"):
         case = tmp_path / "case.yaml"
         case.write_text(f"cells: {{file: {name}, position: [x, y, z], volume: v}}")
     refused(case, "pipe")
@@ -227,33 +216,3 @@ def test_parcels_that_a_converter_left_out(tmp_path: Path) -> None:
     said = " ".join(read(file).remarks)
     assert re.search(r"parcels of rain in .*case are not read", said)
     refused(case, r"cloud 'rain' has neither positions nor coordinates", cloud="rain")
-
-
-def test_parquet_tables(tmp_path: Path) -> None:
-    """The same doubles as the text; a missing value is undefined, and text is no number."""
-    import pyarrow
-    from pyarrow import parquet
-
-    from tests.unit.cfd.formats.conftest import write_tables
-
-    text = write_tables(tmp_path / "text", foam.sample())
-    other = in_parquet(write_tables(tmp_path / "parquet", foam.sample()))
-    assert masses(other) == masses(text)
-    file = other.with_name("drops.parquet")
-    columns = parquet.read_table(file).to_pydict()
-    columns["T"][3] = None
-    parquet.write_table(pyarrow.table(columns), file)
-    refused(other, r"column T: 1 of 17 values are marked as undefined")
-    columns["T"] = ["hot"] * 17
-    parquet.write_table(pyarrow.table(columns), file)
-    refused(other, "column T is of type string; expected: numbers")
-
-
-def test_without_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    from tests.unit.cfd.formats.conftest import write_tables
-
-    other = in_parquet(write_tables(tmp_path, foam.sample()))
-    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    refused(other, r"needs pyarrow; .*pyarrow>=.* save the table as CSV")

@@ -22,7 +22,7 @@ from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.reading import FRAME, read, refused, same
 
-CHECKED = ("vtk", "openfoam-gz", "vtkhdf", "parquet")
+CHECKED = ("vtk", "openfoam-gz", "vtkhdf")
 KINDS = (*CHECKED, "converge", "tables", "fluent", "cgns", "vtkhdf-by-vtk")
 SLOW_KINDS = (*KINDS, "openfoam", "openfoam-binary", "ensight", "ensight-ascii")
 QUICK, MANY = 4, 20
@@ -33,7 +33,7 @@ EARLIER = (".000.", "post000001")  # of another time
 def write(kind: str, folder: Path) -> Path:
     """The sample, without p: beside it a damaged name of rho would make a case of p alone."""
     block, gas, cloud = foam.sample()
-    if kind not in (*WRITERS, "parquet"):
+    if kind not in WRITERS:
         gas.pop("p")
     return write_format(kind, folder, (block, gas, cloud))
 
@@ -81,7 +81,7 @@ ENDS = [
     "vtkhdf",
     "vtkhdf-by-vtk",
 ]
-ENDS += ["ensight", "ensight-ascii", "converge", "tables", "cgns", "fluent", "parquet"]
+ENDS += ["ensight", "ensight-ascii", "converge", "tables", "cgns", "fluent"]
 
 
 @pytest.mark.parametrize("kind", ENDS)

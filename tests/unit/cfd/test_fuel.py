@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from cldit.cfd.importing import imported
-from cldit.cfd.names import fuel_of
+from cldit.cfd.names import fuel_of, other_fuels
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import OpticsError, SprayError
 from cldit.optics.spectrum import liquid_of, vapour_of
@@ -76,8 +76,11 @@ def test_a_name_that_is_no_formula() -> None:
     assert fuel_of(CfdSpray(file=case, fuel_field="Y_FUEL")) == "n-heptane"
     other = CfdSpray(file=case, fuel_field="Y_FUEL", fuel_molar_mass_kg_mol=0.17)
     assert fuel_of(other) == "Y_FUEL"
-    for name in ("N-C7H16", "Y(NC7H16)", "YC7H16", "X_NC7H16"):
+    for name in ("N-C7H16", "Y(NC7H16)", "YC7H16", "X_NC7H16", "MASSFRAC_C7H16"):
         assert fuel_of(CfdSpray(file=case, fuel_field=name)) == "n-heptane"
+    assert fuel_of(CfdSpray(file=case, fuel_field="C12H26")) == "C12H26"
+    names = ["c7h16", "Y_C7H16", "MASSFRAC_C7H16", "MASSFRAC_IC8H18", "Y_C12H26", "CH4", "T"]
+    assert other_fuels(names, "C7H16") == ["MASSFRAC_IC8H18", "Y_C12H26"]
 
 
 @pytest.mark.parametrize("share", [0.5, 1e-3])

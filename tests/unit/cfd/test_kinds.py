@@ -13,7 +13,6 @@ import pytest
 from cldit.cfd.case import Cloud, Column
 from cldit.cfd.formats import read_case
 from cldit.cfd.importing import cfd_spray
-from cldit.cfd.names import other_fuels
 from cldit.cfd.one_state import check_parcels
 from cldit.cfd.plausible import check_one_liquid
 from cldit.errors import SprayError
@@ -246,8 +245,6 @@ def test_commented_variants_of_a_case_give_one_spray(tmp_path: Path, binary: boo
         '#include "start"\ninternalField uniform $T1;',
         'walls { internalField uniform 4; }\n#include "start"\ninternalField $whole;',
         '#include "$FOAM_CASE/none"\ninternalField uniform 690;',
-        'internalField uniform #calc "-(10 - 700.0)";',
-        'T0 600; rise #calc "$T0/10"; internalField uniform #calc "$T0 + 1.5 * $rise";',
     ],
 )
 def test_macros_and_includes_of_a_field(tmp_path: Path, text: str) -> None:
@@ -267,11 +264,9 @@ def test_macros_and_includes_of_a_field(tmp_path: Path, text: str) -> None:
         ('#include "none"\ninternalField uniform $T0;', r'"none", which it includes, is missing'),
         ("inside { internalField uniform 690; }", r"0\.001/T: has no internalField"),
         (
-            'a 1;\ninternalField uniform #calc "pow(300, 2)";',
-            r"/T: line 5: .*pow.*; allowed in #calc: numbers, .* `foamDictionary FILE -entry",
+            'internalField uniform #calc "1+2";',
+            "T: internalField is .uniform #calc.*foamDictionary",
         ),
-        ('internalField uniform #calc "1/0";', r"0\.001/T: line 4: "),
-        ("internalField uniform #calc #{ return 300; #};", r"0\.001/T: line 4: .*allowed in #calc"),
     ],
 )
 def test_macros_that_cannot_be_expanded(tmp_path: Path, text: str, message: str) -> None:
@@ -388,10 +383,6 @@ def test_shares_that_are_no_second_liquid() -> None:
         check_one_liquid(cloud(jet(), **{"C7H16(l)": whole}), fuel)
     with pytest.raises(SprayError, match=r"parcels of C12H26 \(up to 1\); allowed: parcels of C7"):
         check_one_liquid(cloud(jet(), **{"C12H26(l)": whole}), "C7H16")
-
-
-def test_another_fuel_is_another_formula() -> None:
-    assert other_fuels(["c7h16", "Y_C7H16", "MASSFRAC_C7H16", "IC8H18", "T"], "C7H16") == ["IC8H18"]
 
 
 def test_times_of_a_collection_that_go_back_are_reported(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import notes_of, read, refused
 from tests.unit.cfd.test_vtk import block_grid, save
+from tests.unit.cfd.vtkfiles import pieces
 
 CLOUD = "0.001/lagrangian/sprayCloud"
 
@@ -41,10 +42,7 @@ def test_cells_of_two_pieces_that_overlap(tmp_path: Path, shift: float) -> None:
     for number, each in enumerate((block, moved)):
         more = {name: values + 1e-3 * number for name, values in gas.items()}
         save(tmp_path / f"gas_{number}.vtu", block_grid(each, more))
-    pieces = "".join(f'<Piece Source="gas_{n}.vtu"/>' for n in (0, 1))
-    whole = f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{pieces}</PUnstructuredGrid>'
-    path = tmp_path / "gas.pvtu"
-    path.write_text(whole + "</VTKFile>")
+    path = pieces(tmp_path / "gas.pvtu", ["gas_0.vtu", "gas_1.vtu"])
     refused(path, "covered by others, where" if shift else r"gas_1.vtu: 24 cells with fuel lie")
 
 

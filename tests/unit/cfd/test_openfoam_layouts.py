@@ -132,7 +132,7 @@ def test_impossible_parcels_are_counted(tmp_path: Path) -> None:
     many = {name: np.concatenate([values] * 12) for name, values in cloud.items()}
     many["position"] += 1e-9 * np.arange(204)[:, None]  # each place once
     many["d"][3], many["T"][5] = -1e-6, np.nan
-    many["position"][7] = (1.0, 1.0, 1.0)
+    many["position"][7] = [edge[-1] + 1e-4 for edge in block.edges]  # a hundredth of the width
     many["nParticle"][7] *= 1e-3  # light: 1/204 of the parcels, but little of the liquid
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=many)
     refused(case, r"d: -1e-06 \(entry 3\) .*3 of 204 parcels.* 1 % may")

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.cfd.names import fuel_of
-from cldit.optics.liquid import liquid
-from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import read, refused
 from tests.unit.cfd.test_vtk import block_grid, save
+from tests.unit.cfd.vtkfiles import pvd
 
 
 def ideal(block: Any, gas: dict[str, Any]) -> dict[str, Any]:
@@ -85,21 +83,10 @@ def test_a_box_in_centimetres(tmp_path: Path) -> None:
     )
 
 
-def test_the_field_names_the_fuel() -> None:
-    names = {"IC8H18": "iso-octane", "MASSFRAC_C7H16": "n-heptane", "fuel": "n-heptane"}
-    for field, name in names.items():
-        assert fuel_of(CfdSpray(file=Path("case"), fuel_field=field)) == name
-        liquid(name)
-    assert fuel_of(CfdSpray(file=Path("case"), fuel_field="C12H26")) == "C12H26"
-
-
 def test_times_that_differ_in_the_last_digit(tmp_path: Path) -> None:
     block, gas, _ = foam.sample()
     for name, time in (("a", "0.001"), ("b", "0.0010000000000000002")):
-        step = 0.1 * (name == "b")
-        own = foam.block((block.edges[0] + step, block.edges[1], block.edges[2]))
+        own = foam.block((block.edges[0] + 0.1 * (name == "b"), block.edges[1], block.edges[2]))
         save(tmp_path / f"{name}.vtu", block_grid(own, gas))
-        text = f'<DataSet timestep="{time}" part="{int(step > 0)}" file="{name}.vtu"/>'
-        whole = f'<VTKFile type="Collection"><Collection>{text}</Collection></VTKFile>'
-        (tmp_path / f"{name}.pvd").write_text(whole)
+        pvd(tmp_path / f"{name}.pvd", {time: [f"{name}.vtu"]})
     refused(tmp_path, "2 claim to be the mesh of the gas", cloud="none")

@@ -162,7 +162,7 @@ def test_cells_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = np.array([2, 0, 1, 2])
     alone = [vars(measured(one)) for one in solids]
     for sides in (1, 11, 1000):
-        monkeypatch.setattr(geometry, "_SIDES", sides)
+        monkeypatch.setattr(geometry, "IN_CACHE", sides)
         for name, values in vars(mesh.measure(cells)).items():
             expected = np.concatenate([alone[cell][name] for cell in cells])
             np.testing.assert_allclose(values, expected, atol=1e-15)

@@ -114,6 +114,12 @@ def test_sectors(tmp_path: Path, angle_deg: float, kind: str) -> None:
     weight = spray.parcels.droplets * spray.parcels.diameter_m**3
     middle = weight @ spray.parcels.position_m / weight.sum()
     assert middle[:2] == pytest.approx([0.0, 0.0], abs=1e-15)
+    # about another centre than the nozzle it comes to lie there
+    beside = SET | {"nozzle_m": (1e-3, 0.0, HEIGHT_M)}
+    centre_m = {"centre_m": (0.0, 0.0, 0.0), "axis": "-z"}
+    other = read(case, sector={"angle_deg": angle_deg} | centre_m, **beside).parcels
+    assert other is not None
+    assert (weight @ other.position_m / weight.sum())[:2] == pytest.approx([-1e-3, 0.0], abs=1e-15)
     # and so does the momentum, with the speeds of the case
     velocity = spray.parcels.velocity_m_s
     assert velocity is not None

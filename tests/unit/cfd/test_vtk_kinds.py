@@ -183,8 +183,11 @@ def test_pieces_of_a_grid(tmp_path: Path) -> None:
         ("gas.vtu", 'NumberOfComponents="3"', 'NumberOfComponents="-1"'),
         ("gas.vtu", 'NumberOfComponents="3"', 'NumberOfComponents="999999999999"'),
         ("gas.vtu", 'type="UnstructuredGrid"', 'type="PolyData"'),
+        ("gas.vtu", "<UnstructuredGrid>", "<UnstructuredGrit>"),
+        ("gas.vtu", '<?xml version="1.0"?>', '<?xml version="1.0" encoding="none"?>'),
         ("gas.vti", 'WholeExtent="0 7', 'WholeExtent="0 9999999'),
         ("gas.vti", ' Extent="0 7', ' Extent="9 7'),
+        ("gas.vti", ' Extent="0 7', ' Extent="- 7'),
         ("gas.vti", ' Spacing="0.002', ' Step="0.002'),
         ("gas.vti", 'Spacing="0.002', 'Spacing="nan'),
         ("gas.vti", 'Spacing="0.002', 'Spacing="'),
@@ -220,7 +223,7 @@ def test_heads_that_end_the_process(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(("packing", "bits"), [(0, 32), (1, 64), (2, 32), (3, 64)])
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended", "AppendedBase64"])
 @pytest.mark.parametrize(
     ("name", "count", "true"),
@@ -228,9 +231,12 @@ def test_heads_that_end_the_process(
      ("rain.vtp", "NumberOfPoints", 40), ("rain.vtp", "NumberOfVerts", 40)],
 )  # fmt: skip
 def test_counts_are_those_of_the_arrays(
-    tmp_path: Path, name: str, count: str, true: int, mode: str, packed: bool
+    tmp_path: Path, name: str, count: str, true: int, mode: str, packing: int, bits: int
 ) -> None:
-    """vtk reads as many cells or points as the head says, and omits the rest without a word."""
+    """vtk reads as many cells or points as the head says, and omits the rest without a word.
+
+    packing: none, zlib, lz4, lzma; bits of the numbers in the heads of arrays.
+    """
     from vtkmodules import vtkIOXML
     from vtkmodules.vtkFiltersCore import vtkAppendFilter
     from vtkmodules.vtkFiltersSources import vtkPointSource
@@ -257,7 +263,8 @@ def test_counts_are_those_of_the_arrays(
     writer.SetInputData(source)
     getattr(writer, f"SetDataModeTo{mode.removesuffix('Base64')}")()
     writer.SetEncodeAppendedData(mode.endswith("64"))
-    writer.SetCompressorTypeToZLib() if packed else writer.SetCompressorTypeToNone()
+    writer.SetCompressorType(packing)
+    writer.SetHeaderType(bits)
     writer.Write()
     check_head(file)
     content = file.read_bytes()

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from cldit.cfd.names import other_fuels
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
@@ -19,7 +18,6 @@ from cldit.io.origin import FileRead, files_read
 from cldit.run.result import RunInfo
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.reading import read
 
 DATA = Path(__file__).parents[2] / "data" / "run-0.1.0"
 PLACE = ("--axis", "-y", "--nozzle", "0", "0.009", "0")
@@ -94,15 +92,3 @@ def test_streams_of_converge(tmp_path: Path, new: bool) -> None:
     (folder / "copy.h5").write_bytes(last.read_bytes())
     with pytest.raises(SprayError, match=r"2 claim to be time 0\.001: .*copy\.h5"):
         read_cfd(CfdSpray(file=folder, **keys))
-
-
-def test_other_fuels_are_named(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
-    more = gas | {"C8H18": gas["C7H16"] / 200, "CO2": gas["C7H16"], "H2O": gas["C7H16"]}
-    case = foam.write(tmp_path, block, gas=more, cloud=cloud)
-    spray = read(case, nozzle_m=(0, 9e-3, 0), axis="-y")
-    assert "Other fuels, not read: C8H18." in spray.remarks
-    assert other_fuels(["MASSFRAC_C7H16", "MASSFRAC_IC8H18", "Y_C12H26", "CH4", "T"], "C7H16") == [
-        "MASSFRAC_IC8H18",
-        "Y_C12H26",
-    ]

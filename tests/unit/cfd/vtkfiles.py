@@ -24,6 +24,19 @@ def parcels_file(file: Path) -> Path:
     return save(file, vertices(cloud))
 
 
+def cell_arrays(grid: Any, *names: str) -> list[Any]:
+    """Volumes of the cells of a grid by vtk, and arrays of these names."""
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
+
+    sizes: Any = vtkCellSizeFilter()
+    sizes.SetInputData(grid)
+    sizes.Update()
+    data: Any = sizes.GetOutput().GetCellData()
+    convert: Any = numpy_support.vtk_to_numpy
+    return [convert(data.GetArray(name)) for name in ("Volume", *names)]
+
+
 def vertices(cloud: Mapping[str, Any]) -> Any:
     """A grid of a vertex for each parcel, which is what some exporters write."""
     points = cloud_data(cloud)

@@ -21,7 +21,7 @@ from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME
 
 KINDS = ["openfoam", "vtk", "tables", "ensight", "ensight-ascii", "converge"]
-KINDS += ["vtkhdf", "cgns", "fluent", "parquet"]
+KINDS += ["vtkhdf", "cgns", "fluent"]
 
 
 def written(kind: str, folder: Path) -> CfdSpray:

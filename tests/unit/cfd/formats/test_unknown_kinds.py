@@ -13,6 +13,7 @@ from cldit.scene.spray import CfdSpray
 KINDS = [
     ("engine.sim", r"is a session, mesh or tracks of STAR-CCM\+, .*EnSight Gold"),
     ("cells.csv", r"is a table, .*mapping file \(\.yaml\)"),
+    ("cells.parquet", "is a Parquet table, .*save it as CSV"),
     ("parcels.XLSX", "is a spreadsheet, .*save it as CSV"),
     ("case.tar.gz", "is an archive, .*unpack it"),
     ("notes.xyz", r"is of no kind that is read; allowed: an OpenFOAM case"),
