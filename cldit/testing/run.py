@@ -1,7 +1,7 @@
 """Runs the contract for a driver: on its emulators, or the safe part of it on an instrument."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -75,12 +75,8 @@ def on_emulators(
         SceneError: there is no emulator, or the driver rejects the settings.
     """
     for variant, make in beds_of(driver).items():
-        for checks, with_bed in ((OF_KIND[kind], False), (OF_BED.get(kind, []), True)):
-            for check in checks:
-                work = partial(_alone, make, settings, check, with_bed=with_bed)
-                yield _tried(variant, check.name, work)
-        for name, trials in _lines(make, kind, settings, all_faults).items():
-            yield _tried(variant, name, trials)
+        for name, trial in trials(make, kind, settings, all_faults=all_faults).items():
+            yield _tried(variant, name, trial)
 
 
 def on_instrument(
@@ -117,35 +113,56 @@ def _alone(make: Make, settings: Mapping[str, Any] | None, check: Check, *, with
         check.run(bed if with_bed else bed.device, EVERYTHING)
 
 
-def _lines(
-    make: Make, kind: str, settings: Mapping[str, Any] | None, all_faults: bool
+def trials(
+    make: Make,
+    kind: str,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    all_faults: bool = False,
+    at_once: int = 1,
 ) -> dict[str, Callable[[], object]]:
-    def replies(
-        numbers: lost_replies.Numbers, faults: Sequence[Fault], *, in_turn: bool = True
-    ) -> Callable[[], str]:
-        check = partial(lost_replies.check_replies, make, numbers, faults, settings)
-        return lambda: f"{check(in_turn=in_turn)} sessions"
+    """Everything that is tried on an emulator, by name.
 
+    Args:
+        make: from `cldit.testing.bed.beds_of`.
+        kind: one of `OF_KIND`.
+        settings: of the driver, without the address.
+        all_faults: tries each fault of each reply; otherwise one of them each.
+        at_once: sessions in parallel, for trials of many.
+
+    Returns:
+        Functions without arguments, which raise what a check raises. Those of trials with many
+        sessions return their number in words.
+    """
+
+    def sessions(check: Callable[..., int], *args: Any, **options: Any) -> Callable[[], str]:
+        return lambda: f"{check(make, *args, settings, **options)} sessions"
+
+    replies, busy = lost_replies.check_replies, {"at_once": at_once}
     work: dict[str, Callable[[], object]] = {
-        "states": lambda: lost_replies.check_states(make, settings)
+        check.name: partial(_alone, make, settings, check, with_bed=with_bed)
+        for checks, with_bed in ((OF_KIND[kind], False), (OF_BED.get(kind, []), True))
+        for check in checks
     }
+    work["states"] = partial(lost_replies.check_states, make, settings)
+    every, some = lost_replies.every, lost_replies.some
     if all_faults:
-        work["each reply, each fault"] = replies(lost_replies.every, LINE_FAULTS, in_turn=False)
-    elif kind == "camera":
-        work["some replies lost, spoiled"] = replies(lost_replies.some, LINE_FAULTS)
-    else:
-        work["each reply lost"] = replies(lost_replies.every, [Fault.DROP])
-        work["each reply spoiled"] = replies(lost_replies.every, lost_replies.SPOILED)
-    if kind != "camera":
-        work["a reply lost while it connects"] = lambda: (
-            f"{lost_replies.check_connect(make, settings)} sessions"
+        work["each reply, each fault"] = sessions(
+            replies, every, LINE_FAULTS, in_turn=False, **busy
         )
-    work["sessions closed while idle"] = lambda: f"{check_idle(make, settings)} sessions"
-    if kind in HARMLESS:
-        work["spoiled answers"] = lambda: f"{check_spoiled(make, settings)} sessions"
+    elif kind == "camera":
+        work["some replies lost, spoiled"] = sessions(replies, some, LINE_FAULTS, **busy)
     else:
-        work["readings that cannot be"] = lambda: f"{check_implausible(make, settings)} sessions"
-        work["dead after its session"] = lambda: lost_replies.check_dead(make, settings, times=1)
+        work["each reply lost"] = sessions(replies, every, [Fault.DROP], **busy)
+        work["each reply spoiled"] = sessions(replies, every, lost_replies.SPOILED, **busy)
+    if kind != "camera":
+        work["a reply lost while it connects"] = sessions(lost_replies.check_connect, **busy)
+    work["sessions closed while idle"] = sessions(check_idle)
+    if kind in HARMLESS:
+        work["spoiled answers"] = sessions(check_spoiled)
+    else:
+        work["readings that cannot be"] = sessions(check_implausible, **busy)
+        work["dead after its session"] = partial(lost_replies.check_dead, make, settings, times=1)
     return work
 
 

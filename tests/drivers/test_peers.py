@@ -18,8 +18,10 @@ import pytest
 
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
-from cldit.rig.errors import NotConnected, OutOfLimits
+from cldit.rig.errors import ConfigRejected, NotConnected, OutOfLimits
 from cldit.rig.protocols import TriggerInfo, TriggerMode
+from cldit.testing.bed import opened
+from tests.emulators.beds import BEDS
 from tests.emulators.blackbody import ModbusPeer
 from tests.emulators.gige_camera import GigePeer
 from tests.emulators.rig import CALIBRATION
@@ -109,6 +111,25 @@ def test_modbus_writes_a_setpoint_once() -> None:
         with pytest.raises(NotConnected, match="does not answer"):
             device.connect(0.5)
         device.close()
+
+
+@pytest.mark.parametrize(("busy", "works"), [(3, True), (6, False)])
+def test_a_busy_controller_is_asked_again_within_a_bound(busy: int, works: bool) -> None:
+    from pymodbus.pdu import ExceptionResponse
+
+    with opened(BEDS["modbus_blackbody"]["eurotherm-tcp"]) as bed:
+        bed.device.connect()
+        client = bed.device._client
+        plain, refused = client.read_holding_registers, [ExceptionResponse(3, 6)] * busy
+        client.read_holding_registers = lambda *args, **named: (
+            refused.pop() if refused else plain(*args, **named)
+        )
+        if works:
+            assert bed.device.read_temperature() > 0.0
+        else:
+            with pytest.raises(ConfigRejected):
+                bed.device.read_temperature()
+        assert not refused
 
 
 # Camera
