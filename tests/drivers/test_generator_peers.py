@@ -20,7 +20,7 @@ from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotCo
 from cldit.rig.protocols import Burst
 from tests.emulators.dg645 import Dg645Peer
 from tests.emulators.pulse_generator import PulseGeneratorPeer
-from tests.patience import HANG_s, until
+from tests.patience import until
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")

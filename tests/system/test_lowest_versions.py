@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = (
-    *("pocl", "cfd", "export", "files", "fits", "tdms", "zarr", "parquet", "hcc", "studies", "rig"),
+    *("pocl", "cfd", "export", "files", "zarr", "parquet", "hcc", "studies", "rig"),
 )
 # A scene end to end; imports (binary OpenFOAM, VTKHDF); images of cameras; evaluations; properties
 # of fluids; a study; drivers on their emulators.

@@ -1,8 +1,7 @@
 """Values of each image: time, exposure and temperature, from tables, data sets or the files.
 
-Of the files, only metadata that a format defines is read: headers of Telops' films, OME-XML, Exif's
-exposure and original time, NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which
-an export renews.
+Of the files, only metadata that a format defines is read: headers of Telops' films, OME-XML, and
+NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which an export renews.
 """
 
 import math
