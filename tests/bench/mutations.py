@@ -250,8 +250,8 @@ MUTATIONS = (
         "if expected_id is not None and frame.frame_id != expected:",
         "unit/acquisition/test_quality.py", "unit/acquisition"),
     row("cldit/acquisition/pictures/hcc.py", "1e-7 * header", "1e-6 * header", "unit/acquisition"),
-    row("cldit/acquisition/shot.py", "abs(after_K - shot.background_K) <= self._plan.drift_K",
-        "abs(after_K - shot.background_K) <= 9 * self._plan.drift_K", "unit/acquisition"),
+    row("cldit/acquisition/shot.py", "abs(reading_K - shot.background_K) <= self._plan.drift_K",
+        "abs(reading_K - shot.background_K) <= 9 * self._plan.drift_K", "unit/acquisition"),
     # show, study, bench, command line, files, api
     row("cldit/show/figures/colours.py", "np.searchsorted(share, at)",
         "np.searchsorted(share, 1 - at)",
