@@ -3,17 +3,17 @@
 `genicam.py` and `gige_camera.py` do the rest.
 """
 
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from cldit.rig.checks import check_answer
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
+from cldit.rig.protocols import Frame
 from cldit.scene.checks import Section, Within
 
 T = TypeVar("T")
@@ -47,18 +47,6 @@ class GigeSettings(Section):
     heartbeat_s: Annotated[float, Within(1.5, 60.0)] = 2.0  # after a crash the camera is free then
     features: dict[str, bool | int | float | str] = Field(default_factory=dict)  # set, read back
     packet_size: Annotated[int, Within(576, 9000)] | None = None  # None: the camera's
-
-
-@dataclass(frozen=True)
-class StreamedImage:
-    """An image of a stream. pixels: (h, w) uint16, None if too much is missing; block: its number
-    on the stream; device_ns: time on the camera's clock."""
-
-    pixels: NDArray[np.uint16] | None
-    block: int
-    device_ns: int
-    complete: bool
-    missing_packets: int
 
 
 class Client:
@@ -175,8 +163,9 @@ class Client:
             lambda c: c.stream(iface=settings.interface, deliver_incomplete=True, **options)
         )
 
-    def next_image(self, timeout_s: float) -> StreamedImage | None:
-        """The next image; None if none arrives in time."""
+    def next_image(self, timeout_s: float) -> Frame | None:
+        """The next image, with its number on the stream; None if none arrives in time. It has no
+        pixels if too much of it is missing."""
         try:
             got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
         except self._viva.TransportError as error:
@@ -188,13 +177,14 @@ class Client:
         try:
             pixels = np.asarray(got.to_numpy()).astype(np.uint16, copy=False)
         except self._viva.GenicamError:  # incomplete: its end is missing
-            pixels = None
-        return StreamedImage(
-            pixels,
-            block=int(got.block_id),
-            device_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
-            complete=bool(got.is_complete) and pixels is not None,
-            missing_packets=got.missing_packets or 0,
+            pixels = np.zeros((0, 0), np.uint16)
+        return Frame(
+            data=pixels,
+            frame_id=int(got.block_id),
+            device_timestamp_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
+            host_timestamp_ns=time.time_ns(),
+            complete=bool(got.is_complete) and pixels.size > 0,
+            meta={"missing_packets": got.missing_packets or 0},
         )
 
     def close(self) -> None:

@@ -16,12 +16,12 @@ from cldit.acquisition.storage import CONFIGURATION, PLAN
 from cldit.camera.calibration import Calibration
 from cldit.errors import RunFolderError
 from cldit.io.plain_data import read_json
+from cldit.rig.checks import ROUNDING
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import SpectralFilter, TriggerInfo, TriggerMode
 
 _READY_S = 900.0  # a cooled detector takes some minutes
-_AGREE = 0.01  # relative rounding of a setting by an instrument
 _HOW_WELL = {  # of the setup, without influence on the images
     "uncertainty",
     "background_error_K",
@@ -131,7 +131,7 @@ def calibrations_of(devices: dict[str, Any], plan: Plan) -> list[dict[str, Any]]
 
 
 def _agree(setting: str, written: float, read: float, *, tolerance: float = 0.0) -> None:
-    if not abs(read - written) <= max(_AGREE * abs(written), tolerance):
+    if not abs(read - written) <= max(ROUNDING * abs(written), tolerance):
         raise ConfigRejected(f"{setting}: reads back {read:g} after {written:g} was written")
 
 
