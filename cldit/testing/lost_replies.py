@@ -17,12 +17,11 @@ from typing import Any, TypeVar
 from cldit.rig.errors import NotConnected, NotSafe, RigError
 from cldit.rig.protocols import Safety
 from cldit.testing.bed import Bed, Make, Step, opened, problem_of
-from cldit.testing.expect import ContractBroken, expect, refuses
+from cldit.testing.expect import ContractBroken, HANG_s, expect, refuses
 from cldit.testing.replies import Fault
 
 _ANSWER_s, _LATE = 0.1, 1.5  # time to wait for an answer; delay of a late one over that
 _DEAD_ANSWER_s = 0.3
-_REACH_s = 300.0  # a driver that tries without end; `Linked` tries for 10 s, on an idle machine
 SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
 _SAMPLES = 8
 
@@ -151,7 +150,10 @@ def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: 
                 expect(part in str(error), f"{error}; expected {part!r} in it")
             bed.device.close()
         took_s = time.monotonic() - begin_s
-        expect(took_s < _REACH_s, f"tries to reach it for {took_s:.0f} s; allowed: {_REACH_s:g} s")
+        expect(
+            took_s < times * HANG_s,
+            f"tries to reach it for {took_s:.0f} s; allowed: {times * HANG_s:g} s",
+        )
         if bed.replies is not None:
             bed.replies.heal()
             did = bed.device.make_safe().did
