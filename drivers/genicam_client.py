@@ -6,7 +6,7 @@
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -51,14 +51,20 @@ class GigeSettings(Section):
 
 class Client:
     """A camera under control through viva-genicam: no decisions, no read-back. All methods raise
-    NotConnected or ConfigRejected, the errors of the rig for those of the library."""
+    NotConnected or ConfigRejected, the errors of the rig for those of the library.
 
-    def __init__(self, settings: GigeSettings) -> None:
+    asking: context of each exchange, see `cldit.rig.link.Linked`.
+    """
+
+    def __init__(
+        self, settings: GigeSettings, asking: Callable[[], AbstractContextManager[None]]
+    ) -> None:
         """Takes control of the camera; raises NotConnected."""
         import viva_genicam as viva
 
         self._viva = viva
         self._settings = settings
+        self._asking = asking
         self._stream: Any = None
         loopback = "127.0.0.1" if settings.address.startswith("127.") else None
         try:
@@ -84,14 +90,17 @@ class Client:
 
     def _ask(self, action: Callable[[Any], T]) -> T:
         """Result of `action(camera)`, with errors of the rig."""
-        try:
-            return action(self._camera)
-        except self._viva.TransportError as error:
-            raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-        except self._viva.GenicamError as error:
-            if _FAILED in str(error) and _REFUSED not in str(error):
-                raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-            raise ConfigRejected(f"camera: {error}") from error
+        with self._asking():
+            try:
+                return action(self._camera)
+            except self._viva.GenicamError as error:
+                # Errors of the transport are among them.
+                lost = isinstance(error, self._viva.TransportError)
+                if lost or (_FAILED in str(error) and _REFUSED not in str(error)):
+                    raise NotConnected(
+                        f"camera: the link failed ({error}); check the cable"
+                    ) from error
+                raise ConfigRejected(f"camera: {error}") from error
 
     def has(self, name: str) -> bool:
         """True if the camera's description has the feature."""
@@ -166,14 +175,15 @@ class Client:
     def next_image(self, timeout_s: float) -> Frame | None:
         """The next image, with its number on the stream; None if none arrives in time. It has no
         pixels if too much of it is missing."""
-        try:
-            got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
-        except self._viva.TransportError as error:
-            if "timeout" in str(error):
-                return None
-            raise NotConnected(f"camera: the stream broke ({error})") from error
-        if got is None:
-            raise NotConnected("camera: the stream has ended; connect again")
+        with self._asking():
+            try:
+                got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
+            except self._viva.TransportError as error:
+                if "timeout" in str(error):
+                    return None
+                raise NotConnected(f"camera: the stream broke ({error})") from error
+            if got is None:
+                raise NotConnected("camera: the stream has ended; connect again")
         try:
             pixels = np.asarray(got.to_numpy()).astype(np.uint16, copy=False)
         except self._viva.GenicamError:  # incomplete: its end is missing
@@ -202,22 +212,3 @@ def nanoseconds_a_tick(client: Client) -> float | None:
     high, low = (client.read_register(at) for at in TICKS)
     ticks_per_s = (high << 32) | low
     return 1e9 / ticks_per_s if ticks_per_s else None
-
-
-class _Watched:
-    def __init__(self, client: Client, asking: Callable[[], AbstractContextManager[None]]) -> None:
-        self._client, self._asking = client, asking
-
-    def __getattr__(self, name: str) -> Any:
-        method = getattr(self._client, name)
-
-        def call(*args: Any) -> Any:
-            with self._asking():
-                return method(*args)
-
-        return call
-
-
-def watched(client: Client, asking: Callable[[], AbstractContextManager[None]]) -> Client:
-    """The client, with each call as an exchange of `cldit.rig.link.Linked`."""
-    return cast(Client, _Watched(client, asking))

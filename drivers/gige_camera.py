@@ -28,7 +28,7 @@ from cldit.rig.protocols import (
 
 from .count_features import read_features, set_features, unstated
 from .genicam import Features
-from .genicam_client import Client, GigeSettings, watched
+from .genicam_client import Client, GigeSettings
 
 _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
@@ -97,8 +97,8 @@ class GenicamCamera(Linked):
 
     def _begin(self) -> None:
         settings = self._settings
-        self._client = Client(settings)
-        features = self._features = Features(watched(self._client, self._asking))
+        self._client = Client(settings, self._asking)
+        features = self._features = Features(self._client)
         if features.has("GevHeartbeatTimeout"):
             features.client.set_integer("GevHeartbeatTimeout", round(1e3 * settings.heartbeat_s))
 

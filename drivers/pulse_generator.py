@@ -35,7 +35,6 @@ ABOUT = DriverAbout(
 Output = Literal["A", "B", "C", "D", "E", "F", "G", "H"]
 
 _STEP_s = 1e-8  # largest difference between a time written and read back (coarsest series)
-_LONGEST_BURST = 10**6
 _MARGIN_s = 0.02  # from the last pulse to the assumed end of the burst
 
 
@@ -134,8 +133,6 @@ class PulseGenerator(ScpiInstrument):
     def configure(self, burst: Burst) -> Burst:
         self.inhibit()
         check_burst(burst)
-        if burst.n > _LONGEST_BURST:
-            raise ConfigRejected(f"trigger: n: {burst.n}; allowed: up to {_LONGEST_BURST}")
         state = "on" if burst.inject else "off"
         self._told = (
             f"a burst of {burst.n}, injector's output {self._settings.injector} {state}; switching "

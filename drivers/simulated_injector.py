@@ -1,7 +1,6 @@
 """A simulated trigger generator, with the injector at its other output."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,9 +12,6 @@ from cldit.rig.protocols import Burst
 from cldit.scene.checks import Section, Within
 
 from .simulated_scene import Pulse, SimulatedDevice, SimulatedScene, bench_of
-
-_STEP_S = 1e-8  # of delays and widths
-
 
 ABOUT = DriverAbout("trigger", "a delay generator with an injector", "simulated")
 
@@ -72,13 +68,7 @@ class SimulatedInjector(SimulatedDevice):
     def configure(self, burst: Burst) -> Burst:
         self.inhibit()  # nothing can fire after a rejected burst
         check_burst(burst)
-        self._burst = replace(
-            burst,
-            period_s=_rounded(burst.period_s),
-            camera_delay_s=_rounded(burst.camera_delay_s),
-            injector_delay_s=_rounded(burst.injector_delay_s),
-            widths_s=(_rounded(burst.widths_s[0]), _rounded(burst.widths_s[1])),
-        )
+        self._burst = burst
         self._inhibited = False
         return self._burst
 
@@ -148,10 +138,6 @@ class SimulatedInjector(SimulatedDevice):
         entry = {"time": self._clock.wall_time(), "inject": self._burst.inject, "pulses": pulses}
         line = json.dumps(entry) + "\n"
         append_text(self._log, line)
-
-
-def _rounded(seconds: float) -> float:
-    return round(seconds / _STEP_S) * _STEP_S
 
 
 def open_injector(settings: dict[str, Any], context: RigContext) -> SimulatedInjector:

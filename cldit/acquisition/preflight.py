@@ -21,7 +21,7 @@ from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigErr
 from cldit.rig.load import Rig
 from cldit.rig.protocols import SpectralFilter, TriggerInfo, TriggerMode
 
-_READY_S = 900.0  # a cooled detector takes some minutes
+_READY_S = 900.0  # a Stirling cooler takes 5 to 10 min from room temperature
 _HOW_WELL = {  # of the setup, without influence on the images
     "uncertainty",
     "background_error_K",

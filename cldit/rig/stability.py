@@ -14,7 +14,7 @@ from cldit.rig.clock import Clock, StopCheck
 from cldit.rig.errors import Aborted, DeviceTimeout, NotSafe
 from cldit.rig.protocols import Limits, Stability
 
-_COLD_K = 5.0  # above the safe set point
+_COLD_K = 5.0  # a body at rest in a room of 300 K, above the usual safe set point of 295 K
 # A body with a time constant of 100 min falls by 1 % of its excess in 60 s. A fall of 0.5 K is five
 # standard deviations of a mean of ten readings with a noise of 0.3 K.
 WATCH_s, _WATCH_POLL_s = 60.0, 0.5
