@@ -147,8 +147,8 @@ class Shooter:
         """Rejection of a shot whose black body is not at its set point."""
         if abs(reading_K - shot.background_K) <= self._plan.drift_K:
             return None
-        text = f"drift: {reading_K:.2f} K {when} the shot"
-        return Rejected(text, fired=when == "after", drifted=True)
+        reason = f"drift: {reading_K:.2f} K {when} the shot"
+        return Rejected(reason, fired=when == "after", drifted=True)
 
     def _misplaced(self, shot: Shot, when: When) -> Rejected | None:
         """Rejection of a shot through another filter than planned, which the wheel is asked for."""
@@ -157,8 +157,8 @@ class Shooter:
             return None
         if (present := wheel.read_filter()) == planned:
             return None
-        text = f"filter: {present or 'none'} in place of {planned} {when} the shot"
-        return Rejected(text, fired=when == "after", misplaced=True)
+        reason = f"filter: {present or 'none'} in place of {planned} {when} the shot"
+        return Rejected(reason, fired=when == "after", misplaced=True)
 
     def _fired(self) -> tuple[list[Frame], bool]:
         """Fires once and reads the frames; True if the generator does not know whether it fired."""

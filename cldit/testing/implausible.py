@@ -7,13 +7,12 @@ harmless all the same, and that this is not confirmed must be reported.
 
 import time
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from cldit.rig.safety import make_safe
 from cldit.testing.bed import Bed, Make, opened, problem_of
 from cldit.testing.expect import HANG_s, expect
-from cldit.testing.lost_replies import session
+from cldit.testing.lost_replies import all_right, session
 from cldit.testing.replies import Fault
 
 _ANSWER_s, _LATE = 0.3, 1.3  # time to wait for an answer; delay of a late one over that
@@ -50,9 +49,7 @@ def check_implausible(
         problem = problem_of(check, answer_s=_ANSWER_s)
         return f"{', '.join(case)}: {problem}" if problem else ""
 
-    with ThreadPoolExecutor(at_once) as pool:
-        problems = [problem for problem in pool.map(one, cases) if problem]
-    expect(not problems, "\n".join(problems))
+    all_right(one, cases, at_once)
     return len(cases)
 
 

@@ -1,5 +1,6 @@
 """Runs the contract for a driver: on its emulators, or the safe part of it on an instrument."""
 
+import json
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -8,18 +9,55 @@ from enum import StrEnum
 from functools import partial
 from typing import Any
 
-from cldit.rig.errors import RigError
+from cldit.io.plain_data import parse_json
+from cldit.rig.errors import NotConnected, RigError
+from cldit.rig.protocols import KINDS, Device
 from cldit.testing import lost_replies
 from cldit.testing.backgrounds import BACKGROUND
 from cldit.testing.bed import Make, beds_of, opened
 from cldit.testing.cameras import CAMERA
-from cldit.testing.devices import IDENTITY, LIFE
-from cldit.testing.expect import EVERYTHING, Allowed, Check, ContractBroken, NotAllowed
-from cldit.testing.idle import check_idle
+from cldit.testing.expect import (
+    EVERYTHING,
+    Allowed,
+    Check,
+    ContractBroken,
+    NotAllowed,
+    expect,
+    refuses,
+)
 from cldit.testing.implausible import check_implausible
 from cldit.testing.replies import LINE_FAULTS, Fault
 from cldit.testing.triggers import PULSES, TRIGGER
 from cldit.testing.wheels import FAULTS, WHEEL, check_spoiled
+
+
+def _life(device: Device, allowed: Allowed) -> None:
+    """Checks that connect, make_safe and close may be repeated, and the error before connect."""
+    device.make_safe()
+    device.close()
+    refuses(device.read_configuration, NotConnected, "before connect()", "connect")
+    device.connect()
+    device.connect()
+    stored = parse_json(json.dumps(device.read_configuration(), allow_nan=False))
+    expect(stored, "read_configuration() is empty")
+    device.make_safe()
+    device.make_safe()
+    device.close()
+    device.close()
+    refuses(device.read_configuration, NotConnected, "after close()")
+    device.connect()
+    expect(device.read_configuration(), "read_configuration() is empty when connected again")
+
+
+def _identity(device: Device, allowed: Allowed) -> None:
+    """Checks that kind, maker and model are given."""
+    info = device.identify()
+    expect(info.kind in KINDS, f"kind: {info.kind!r}")
+    expect(info.maker and info.model, f"{info} lacks maker or model")
+
+
+LIFE = Check("life", "connects, makes safe and closes, several times", _life)
+IDENTITY = Check("identity", "reads its identity", _identity)
 
 OF_KIND: dict[str, list[Check]] = {
     "camera": [LIFE, IDENTITY, *CAMERA],
@@ -99,7 +137,7 @@ def on_instrument(
         if kind == "camera":  # the check before may have left it armed
             with suppress(RigError):
                 device.disarm()
-        result = _tried("instrument", check.name, lambda c=check: c.run(device, allowed))  # type: ignore[misc]
+        result = _tried("instrument", check.name, partial(check.run, device, allowed))
         yield result
         if result.verdict is Verdict.FAILED and check is LIFE:
             return
@@ -138,31 +176,33 @@ def trials(
     def sessions(check: Callable[..., int], *args: Any, **options: Any) -> Callable[[], str]:
         return lambda: f"{check(make, *args, settings, **options)} sessions"
 
-    replies, busy = lost_replies.check_replies, {"at_once": at_once}
+    def replies(numbers: lost_replies.Numbers, faults: list[Fault]) -> Callable[[], str]:
+        return sessions(
+            lost_replies.check_replies, numbers, faults, in_turn=not all_faults, at_once=at_once
+        )
+
     work: dict[str, Callable[[], object]] = {
         check.name: partial(_alone, make, settings, check, with_bed=with_bed)
         for checks, with_bed in ((OF_KIND[kind], False), (OF_BED.get(kind, []), True))
         for check in checks
     }
     work["states"] = partial(lost_replies.check_states, make, settings)
-    every, some = lost_replies.every, lost_replies.some
     if all_faults:
-        work["each reply, each fault"] = sessions(
-            replies, every, LINE_FAULTS, in_turn=False, **busy
-        )
+        work["each reply, each fault"] = replies(lost_replies.every, LINE_FAULTS)
     elif kind == "camera":
-        work["some replies lost, spoiled"] = sessions(replies, some, LINE_FAULTS, **busy)
+        work["some replies lost, spoiled"] = replies(lost_replies.some, LINE_FAULTS)
     else:
-        work["each reply lost"] = sessions(replies, every, [Fault.DROP], **busy)
-        work["each reply spoiled"] = sessions(replies, every, lost_replies.SPOILED, **busy)
+        work["each reply lost"] = replies(lost_replies.every, [Fault.DROP])
+        work["each reply spoiled"] = replies(lost_replies.every, lost_replies.SPOILED)
     if kind != "camera":
-        work["a reply lost while it connects"] = sessions(lost_replies.check_connect, **busy)
-    work["sessions closed while idle"] = sessions(check_idle)
+        connect = sessions(lost_replies.check_connect, at_once=at_once)
+        work["a reply lost while it connects"] = connect
+    work["sessions closed while idle"] = sessions(lost_replies.check_idle)
     if kind in HARMLESS:
         work["spoiled answers"] = sessions(check_spoiled)
     else:
-        work["readings that cannot be"] = sessions(check_implausible, **busy)
-        work["dead after its session"] = partial(lost_replies.check_dead, make, settings, times=1)
+        work["readings that cannot be"] = sessions(check_implausible, at_once=at_once)
+        work["dead after its session"] = partial(lost_replies.check_dead, make, settings)
     return work
 
 
@@ -173,8 +213,7 @@ def _tried(where: str, name: str, work: Callable[[], object]) -> Result:
         verdict, message = Verdict.PASSED, outcome if isinstance(outcome, str) else ""
     except NotAllowed as error:
         verdict, message = Verdict.SKIPPED, str(error)
-    except ContractBroken as error:
-        verdict, message = Verdict.FAILED, str(error)
-    except Exception as error:  # other errors violate the contract
-        verdict, message = Verdict.FAILED, f"{type(error).__name__}: {error}"
+    except Exception as error:  # errors of any class violate the contract
+        kind = "" if isinstance(error, ContractBroken) else f"{type(error).__name__}: "
+        verdict, message = Verdict.FAILED, f"{kind}{error}"
     return Result(where, name, verdict, message, time.monotonic() - begin_s)
