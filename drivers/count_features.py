@@ -7,6 +7,7 @@ have no neutral value: the rig file states them, or the dry run names them.
 
 from collections.abc import Mapping
 
+from cldit.rig.checks import ROUNDING
 from cldit.rig.errors import ConfigRejected
 
 from .genicam_client import Client
@@ -34,7 +35,6 @@ _STATED = (  # the calibration is valid for one value
     *("BlackLevelRaw", "NUCMode", "FFCMode", "FlatFieldCorrectionMode", "CalibrationMode"),
 )
 _TEMPERATURES = {"CalibrationMode": ("RT", "IBR", "IBI")}  # formats that are no counts
-_SAME = 1e-4  # relative, of a number read back
 
 
 def set_features(client: Client, stated: Mapping[str, Value]) -> None:
@@ -110,6 +110,6 @@ def _same(got: str | None, written: str) -> bool:
         return False
     try:
         number = float(written)
-        return abs(float(got) - number) <= _SAME * max(abs(number), _SAME)
+        return abs(float(got) - number) <= ROUNDING * max(abs(number), ROUNDING)
     except ValueError:
         return got.lower() == written.lower()

@@ -16,10 +16,10 @@ from pydantic import model_validator
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
-from cldit.rig.locks import tcp_address
 from cldit.rig.protocols import Burst, DeviceInfo
-from cldit.scene.checks import Section, Within
+from cldit.scene.checks import Within
 
+from .line_address import LineAddress
 from .scpi import ScpiInstrument
 
 Pair = Literal["AB", "CD", "EF", "GH"]
@@ -41,8 +41,9 @@ ABOUT = DriverAbout(
 )
 
 
-class Dg645Settings(Section):
+class Dg645Settings(LineAddress):
     host: str
+    serial: None = None
     port: Annotated[int, Within(1, 65535)] = 5025
     camera: Pair = "AB"  # the output at the camera's trigger input
     injector: Pair = "CD"  # the output at the injector's driver
@@ -64,19 +65,14 @@ class Dg645(ScpiInstrument):
         maker = "Stanford Research Systems"
         super().__init__(
             DeviceInfo("trigger", maker, "DG645", tested_on_hardware=False),
-            f"DG645 at {settings.host}:{settings.port}",
-            f"TCPIP::{settings.host}::{settings.port}::SOCKET",
+            settings,
             by_hand=f"unplug the cable of the output {settings.injector}, or switch the DG645 off",
-            address=lambda: tcp_address(settings.host, settings.port),
         )
         self._settings = settings
         self._clock = context.clock
         self._burst: Burst | None = None
         self._inhibited = True
         self._told = "only identified"
-
-    def _open(self, timeout_s: float) -> None:
-        self._line.open(min(timeout_s, self._settings.answer_s))
 
     def _identify(self) -> None:
         info = self._line.identity("DG645")

@@ -22,7 +22,7 @@ from cldit.rig.protocols import DeviceInfo, SpectralFilter, SpectralFilters
 from cldit.scene.checks import Within
 
 from .line_address import LineAddress
-from .scpi import ScpiLine
+from .scpi import ScpiInstrument
 
 ABOUT = DriverAbout(
     "filter_wheel",
@@ -47,26 +47,21 @@ class WheelSettings(LineAddress):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
 
-class Fw102c(HarmlessLink):
+class Fw102c(HarmlessLink, ScpiInstrument):
     """Implements `cldit.rig.protocols.FilterWheel`."""
 
     def __init__(self, settings: WheelSettings, context: RigContext) -> None:
         super().__init__(
-            "filter_wheel", f"FW102C at {settings.where}", by_hand="", address=settings.address
+            DeviceInfo("filter_wheel", "Thorlabs", "FW102C", tested_on_hardware=False),
+            settings,
+            by_hand="",
+            baudrate=settings.baudrate,
+            write_termination="\r",
+            read_termination=">",
         )
         self._settings = settings
         self._clock = context.clock
-        self._info = DeviceInfo("filter_wheel", "Thorlabs", "FW102C", tested_on_hardware=False)
         self._echoes = True
-        options: dict[str, Any] = {"write_termination": "\r", "read_termination": ">"}
-        if settings.serial is not None:
-            options["baud_rate"] = settings.baudrate
-        self._line = ScpiLine(
-            "filter_wheel", settings.resource, self._asking, again=self._again, **options
-        )
-
-    def _open(self, timeout_s: float) -> None:
-        self._line.open(min(timeout_s, self._settings.answer_s))
 
     def _identify(self) -> None:
         def parse(answer: str) -> DeviceInfo | None:
@@ -97,12 +92,6 @@ class Fw102c(HarmlessLink):
                 raise ConfigRejected(
                     f"filter_wheel: {name} reads back {got} after {value} was written"
                 )
-
-    def _drop(self) -> None:
-        self._line.close()
-
-    def identify(self) -> DeviceInfo:
-        return self._info
 
     @property
     def filters(self) -> tuple[SpectralFilter, ...]:

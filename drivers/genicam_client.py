@@ -3,17 +3,17 @@
 `genicam.py` and `gige_camera.py` do the rest.
 """
 
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from cldit.rig.checks import check_answer
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
+from cldit.rig.protocols import Frame
 from cldit.scene.checks import Section, Within
 
 T = TypeVar("T")
@@ -49,28 +49,22 @@ class GigeSettings(Section):
     packet_size: Annotated[int, Within(576, 9000)] | None = None  # None: the camera's
 
 
-@dataclass(frozen=True)
-class StreamedImage:
-    """An image of a stream. pixels: (h, w) uint16, None if too much is missing; block: its number
-    on the stream; device_ns: time on the camera's clock."""
-
-    pixels: NDArray[np.uint16] | None
-    block: int
-    device_ns: int
-    complete: bool
-    missing_packets: int
-
-
 class Client:
     """A camera under control through viva-genicam: no decisions, no read-back. All methods raise
-    NotConnected or ConfigRejected, the errors of the rig for those of the library."""
+    NotConnected or ConfigRejected, the errors of the rig for those of the library.
 
-    def __init__(self, settings: GigeSettings) -> None:
+    asking: context of each exchange, see `cldit.rig.link.Linked`.
+    """
+
+    def __init__(
+        self, settings: GigeSettings, asking: Callable[[], AbstractContextManager[None]]
+    ) -> None:
         """Takes control of the camera; raises NotConnected."""
         import viva_genicam as viva
 
         self._viva = viva
         self._settings = settings
+        self._asking = asking
         self._stream: Any = None
         loopback = "127.0.0.1" if settings.address.startswith("127.") else None
         try:
@@ -96,14 +90,17 @@ class Client:
 
     def _ask(self, action: Callable[[Any], T]) -> T:
         """Result of `action(camera)`, with errors of the rig."""
-        try:
-            return action(self._camera)
-        except self._viva.TransportError as error:
-            raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-        except self._viva.GenicamError as error:
-            if _FAILED in str(error) and _REFUSED not in str(error):
-                raise NotConnected(f"camera: the link failed ({error}); check the cable") from error
-            raise ConfigRejected(f"camera: {error}") from error
+        with self._asking():
+            try:
+                return action(self._camera)
+            except self._viva.GenicamError as error:
+                # Errors of the transport are among them.
+                lost = isinstance(error, self._viva.TransportError)
+                if lost or (_FAILED in str(error) and _REFUSED not in str(error)):
+                    raise NotConnected(
+                        f"camera: the link failed ({error}); check the cable"
+                    ) from error
+                raise ConfigRejected(f"camera: {error}") from error
 
     def has(self, name: str) -> bool:
         """True if the camera's description has the feature."""
@@ -175,26 +172,29 @@ class Client:
             lambda c: c.stream(iface=settings.interface, deliver_incomplete=True, **options)
         )
 
-    def next_image(self, timeout_s: float) -> StreamedImage | None:
-        """The next image; None if none arrives in time."""
-        try:
-            got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
-        except self._viva.TransportError as error:
-            if "timeout" in str(error):
-                return None
-            raise NotConnected(f"camera: the stream broke ({error})") from error
-        if got is None:
-            raise NotConnected("camera: the stream has ended; connect again")
+    def next_image(self, timeout_s: float) -> Frame | None:
+        """The next image, with its number on the stream; None if none arrives in time. It has no
+        pixels if too much of it is missing."""
+        with self._asking():
+            try:
+                got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
+            except self._viva.TransportError as error:
+                if "timeout" in str(error):
+                    return None
+                raise NotConnected(f"camera: the stream broke ({error})") from error
+            if got is None:
+                raise NotConnected("camera: the stream has ended; connect again")
         try:
             pixels = np.asarray(got.to_numpy()).astype(np.uint16, copy=False)
         except self._viva.GenicamError:  # incomplete: its end is missing
-            pixels = None
-        return StreamedImage(
-            pixels,
-            block=int(got.block_id),
-            device_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
-            complete=bool(got.is_complete) and pixels is not None,
-            missing_packets=got.missing_packets or 0,
+            pixels = np.zeros((0, 0), np.uint16)
+        return Frame(
+            data=pixels,
+            frame_id=int(got.block_id),
+            device_timestamp_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
+            host_timestamp_ns=time.time_ns(),
+            complete=bool(got.is_complete) and pixels.size > 0,
+            meta={"missing_packets": got.missing_packets or 0},
         )
 
     def close(self) -> None:
@@ -212,22 +212,3 @@ def nanoseconds_a_tick(client: Client) -> float | None:
     high, low = (client.read_register(at) for at in TICKS)
     ticks_per_s = (high << 32) | low
     return 1e9 / ticks_per_s if ticks_per_s else None
-
-
-class _Watched:
-    def __init__(self, client: Client, asking: Callable[[], AbstractContextManager[None]]) -> None:
-        self._client, self._asking = client, asking
-
-    def __getattr__(self, name: str) -> Any:
-        method = getattr(self._client, name)
-
-        def call(*args: Any) -> Any:
-            with self._asking():
-                return method(*args)
-
-        return call
-
-
-def watched(client: Client, asking: Callable[[], AbstractContextManager[None]]) -> Client:
-    """The client, with each call as an exchange of `cldit.rig.link.Linked`."""
-    return cast(Client, _Watched(client, asking))

@@ -6,6 +6,7 @@ gives it; counts per radiance are assumed proportional to the integration time.
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,13 +28,12 @@ from cldit.rig.protocols import (
 
 from .count_features import read_features, set_features, unstated
 from .genicam import Features
-from .genicam_client import Client, GigeSettings, watched
+from .genicam_client import Client, GigeSettings
 
 _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
 _EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
 _BLOCKS = 65535  # 16-bit block ids count 1..65535, then from 1
-_REACH_s = 3.0  # time for a lost camera to return, beyond its heartbeat
 _IN_FLIGHT_s = 0.5  # longest time from an exposure to its image
 
 
@@ -54,8 +54,9 @@ class GenicamCamera(Linked):
             f"GigE Vision camera at {settings.address}",
             by_hand="pull its trigger cable, or switch it off",
             address=lambda: f"camera {settings.address}",
-            # After a lost link, the camera keeps the control until its heartbeat expires.
-            reach_s=settings.heartbeat_s + _REACH_s,
+            # After a lost link, the camera keeps the control until its heartbeat expires; twice as
+            # long is left to find it again.
+            reach_s=3.0 * settings.heartbeat_s,
         )
         self._settings = settings
         self._client: Client | None = None
@@ -96,8 +97,8 @@ class GenicamCamera(Linked):
 
     def _begin(self) -> None:
         settings = self._settings
-        self._client = Client(settings)
-        features = self._features = Features(watched(self._client, self._asking))
+        self._client = Client(settings, self._asking)
+        features = self._features = Features(self._client)
         if features.has("GevHeartbeatTimeout"):
             features.client.set_integer("GevHeartbeatTimeout", round(1e3 * settings.heartbeat_s))
 
@@ -275,19 +276,12 @@ class GenicamCamera(Linked):
         got = client.next_image(timeout_s)
         if got is None:
             return None
-        now_ns = time.time_ns()
         self._received += 1
-        self._last_id = self._frame_id(got.block)
-        return Frame(
-            data=np.zeros((0, 0), np.uint16) if got.pixels is None else got.pixels,
-            frame_id=self._last_id,
-            device_timestamp_ns=got.device_ns,
-            host_timestamp_ns=(
-                now_ns if self._clock_offset_ns is None else got.device_ns + self._clock_offset_ns
-            ),
-            complete=got.complete,
-            meta={"missing_packets": got.missing_packets},
-        )
+        self._last_id = self._frame_id(got.frame_id)
+        host_ns, offset_ns = got.host_timestamp_ns, self._clock_offset_ns
+        if offset_ns is not None:
+            host_ns = got.device_timestamp_ns + offset_ns
+        return replace(got, frame_id=self._last_id, host_timestamp_ns=host_ns)
 
     def _frame_id(self, block: int) -> int:
         """Id of a frame, continuous over starts, as block ids are on some cameras only. An image

@@ -59,17 +59,16 @@ class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
             "read_termination": settings.read_end,
         }
         if settings.serial is not None:
-            options |= {"baud_rate": settings.baudrate, "data_bits": settings.data_bits}
+            options["data_bits"] = settings.data_bits
         if settings.identity is None:
             # Where no answer looks like no other, one that is late must not be waited for in vain.
             options["quiet_s"] = settings.answer_s
         ScpiInstrument.__init__(
             self,
             DeviceInfo("background", settings.maker, settings.model, tested_on_hardware=False),
-            f"{settings.model} at {settings.where}",
-            settings.resource,
+            settings,
             by_hand="lower its set point at its front panel, or switch its mains off",
-            address=settings.address,
+            baudrate=settings.baudrate,
             **options,
         )
         BlackBody.__init__(self, settings, context.clock)
@@ -81,7 +80,7 @@ class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
 
         if self._settings.serial is not None:
             self._line.add_options(parity=Parity[self._settings.parity])
-        self._line.open(min(timeout_s, self._settings.answer_s))
+        ScpiInstrument._open(self, timeout_s)
 
     def _identify(self) -> None:
         identity = self._settings.identity

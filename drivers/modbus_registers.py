@@ -16,7 +16,6 @@ from cldit.scene.checks import Section, Within
 from .controller import Unit
 
 _CODES = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
-_WORD = 2  # bytes
 
 
 class Register(Section):
@@ -36,7 +35,7 @@ class Register(Section):
     @property
     def words(self) -> int:
         """Number of registers."""
-        return struct.calcsize(_CODES[self.format]) // _WORD
+        return struct.calcsize(_CODES[self.format]) // struct.calcsize("H")
 
     def encode(self, value: float) -> list[int]:
         """Converts a number to registers; raises ConfigRejected if it does not fit."""
@@ -49,13 +48,13 @@ class Register(Section):
             raise ConfigRejected(
                 f"background: {value:.1f} does not fit register {self.address}, {self.format}"
             ) from error
-        words = [int.from_bytes(raw[at : at + _WORD], "big") for at in range(0, len(raw), _WORD)]
+        words = [*struct.unpack(f">{self.words}H", raw)]
         return words[::-1] if self.low_word_first else words
 
     def decode(self, words: list[int]) -> float:
         """Converts registers to a number; raises NotConnected if it is not finite."""
         ordered = words[::-1] if self.low_word_first else words
-        raw = b"".join(word.to_bytes(_WORD, "big") for word in ordered)
+        raw = struct.pack(f">{len(words)}H", *ordered)
         number = float(struct.unpack(_CODES[self.format], raw)[0])
         return check_answer("background", f"register {self.address}", number) / 10.0**self.decimals
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
-from cldit.rig.checks import check_burst, plain_burst
+from cldit.rig.checks import ROUNDING, check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
 from cldit.rig.link import send_all
@@ -35,8 +35,6 @@ ABOUT = DriverAbout(
 Output = Literal["A", "B", "C", "D", "E", "F", "G", "H"]
 
 _STEP_s = 1e-8  # largest difference between a time written and read back (coarsest series)
-_STEP_V = 0.05
-_LONGEST_BURST = 10**6
 _MARGIN_s = 0.02  # from the last pulse to the assumed end of the burst
 
 
@@ -83,16 +81,12 @@ class PulseGenerator(ScpiInstrument):
 
     def __init__(self, settings: PulseGeneratorSettings, context: RigContext) -> None:
         self._series = SERIES[settings.series]
-        options: dict[str, Any] = {"write_termination": "\r\n"}
-        if settings.serial is not None:
-            options["baud_rate"] = settings.baudrate or self._series.baudrate
         super().__init__(
             DeviceInfo("trigger", "?", settings.series, tested_on_hardware=False),
-            f"{settings.series} at {settings.where}",
-            settings.resource,
+            settings,
             by_hand=f"unplug the cable of the output {settings.injector}, or switch it off",
-            address=settings.address,
-            **options,
+            baudrate=settings.baudrate or self._series.baudrate,
+            write_termination="\r\n",
         )
         self._settings = settings
         self._clock = context.clock
@@ -105,9 +99,6 @@ class PulseGenerator(ScpiInstrument):
         self._inhibited = True
         self._over_s = 0.0  # end of the last burst
         self._told = "only identified"
-
-    def _open(self, timeout_s: float) -> None:
-        self._line.open(min(timeout_s, self._settings.answer_s))
 
     def _identify(self) -> None:
         self._info = self._line.identity(self._series.model)
@@ -142,8 +133,6 @@ class PulseGenerator(ScpiInstrument):
     def configure(self, burst: Burst) -> Burst:
         self.inhibit()
         check_burst(burst)
-        if burst.n > _LONGEST_BURST:
-            raise ConfigRejected(f"trigger: n: {burst.n}; allowed: up to {_LONGEST_BURST}")
         state = "on" if burst.inject else "off"
         self._told = (
             f"a burst of {burst.n}, injector's output {self._settings.injector} {state}; switching "
@@ -237,7 +226,7 @@ class PulseGenerator(ScpiInstrument):
             self._choose(f"{channel}POL", "NORM")
             self._choose(f"{channel}OUTP:MODE", "TTL" if volts is None else "ADJ")
             if volts is not None:
-                self._set(f"{channel}OUTP:AMPL", f"{volts:.3f}", _STEP_V)
+                self._set(f"{channel}OUTP:AMPL", f"{volts:.3f}", ROUNDING * volts)
         self._told = f"outputs off, injector's output {output} off"
         return f"inhibited: all outputs stopped, output {output} off"
 

@@ -12,10 +12,12 @@ from cldit.rig.errors import ConfigRejected, DeviceTimeout, HungUp, NotConnected
 from cldit.rig.link import Linked
 from cldit.rig.protocols import DeviceInfo
 
+from .line_address import LineAddress
+
 T = TypeVar("T")
 
 _MANAGER = threading.Lock()  # pyvisa makes one resource manager per process, without a lock
-_QUIET_s = 0.02
+_QUIET_s = 0.02  # 20 letters at 9600 baud, the slowest usual rate
 _NO_WORDS = ("NAN", "OK")  # not entries of an enumeration: damaged, or late for a command
 _STALE = 5  # late answers, and parts of some, that may arrive before an identity
 
@@ -23,23 +25,30 @@ _STALE = 5  # late answers, and parts of some, that may arrive before an identit
 class ScpiInstrument(Linked):
     """Instrument behind a line of text commands, `_line`; `info` is its identity until it is read.
 
-    where: model and address. resource and options: as for `ScpiLine`. by_hand and address: as for
-    `cldit.rig.link.Linked`.
+    settings: its address, and the time to wait for an answer. by_hand: as for
+    `cldit.rig.link.Linked`. baudrate: of a serial line. options: as for `ScpiLine`.
     """
 
     def __init__(
         self,
         info: DeviceInfo,
-        where: str,
-        resource: str,
+        settings: LineAddress,
         *,
         by_hand: str,
-        address: Callable[[], str],
+        baudrate: int | None = None,
         **options: Any,
     ) -> None:
-        super().__init__(info.kind, where, by_hand=by_hand, address=address)
+        where = f"{info.model} at {settings.where}"
+        super().__init__(info.kind, where, by_hand=by_hand, address=settings.address)
         self._info = info
+        self._answer_s = settings.answer_s
+        if settings.serial is not None:
+            options["baud_rate"] = baudrate
+        resource = settings.resource
         self._line = ScpiLine(info.kind, resource, self._asking, again=self._again, **options)
+
+    def _open(self, timeout_s: float) -> None:
+        self._line.open(min(timeout_s, self._answer_s))
 
     def _drop(self) -> None:
         self._line.close()

@@ -1,22 +1,20 @@
-"""A simulated black body, which can be slow, overshoot, drift, or never settle."""
+"""A simulated black body, which can be slow, noisy, or unplugged."""
 
 from typing import Annotated, Any
 
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import NotConnected
-from cldit.rig.link import Linked
-from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
 from .controller import BlackBody, BlackBodyLimits
-from .heater import Dynamics, Heater
-from .simulated_scene import SimulatedScene, bench_of
+from .heater import Heater
+from .simulated_scene import SimulatedDevice, SimulatedScene, bench_of
 
 ABOUT = DriverAbout("background", "a black body", "simulated")
 
 
-class BlackBodySettings(Dynamics, BlackBodyLimits):
+class BlackBodySettings(BlackBodyLimits):
+    time_constant_s: Annotated[float, Within(0.0, 1e5)] = 120.0
     start_K: Temperature = 295.0  # also the safe set point
     limits_K: tuple[Temperature, Temperature] = (253.0, 873.0)
     noise_K: Annotated[float, Within(0.0, 10.0)] = 0.02  # standard deviation of a reading
@@ -28,24 +26,20 @@ class BlackBodySettings(Dynamics, BlackBodyLimits):
         return self.start_K
 
 
-class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
+class SimulatedBlackBody(SimulatedDevice, BlackBody[BlackBodySettings]):
     """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(
         self, settings: BlackBodySettings, context: RigContext, bench: SimulatedScene
     ) -> None:
-        Linked.__init__(self, "background", "simulated black body", by_hand="remove `unplug_after`")
+        SimulatedDevice.__init__(self, "background", "black body", settings.unplug_after)
         BlackBody.__init__(self, settings, context.clock)
         self._bench = bench
-        self._heater = Heater(settings, context.clock, settings.start_K)
-        self._readings = 0
+        self._heater = Heater(context.clock, settings.start_K, settings.time_constant_s)
 
     def _open(self, timeout_s: float) -> None:
         self._check()
         self._bench.attach_blackbody(self._heater.temperature_K)
-
-    def _drop(self) -> None:
-        """Does nothing, because there is no line."""
 
     def _write_safe(self) -> None:
         self._aim(self.safe_setpoint_K)
@@ -55,9 +49,6 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
 
     def _last_known(self) -> str:
         return str(self._setpoint)
-
-    def identify(self) -> DeviceInfo:
-        return DeviceInfo("background", "cldit", "simulated black body", simulated=True)
 
     def read_configuration(self) -> dict[str, Any]:
         self._check()
@@ -72,20 +63,14 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
     def read_temperature(self) -> float:
         self._check()
         now_s = self._clock.now_s()
-        self._readings += 1
-        noise = self._bench.random(now_s, 2, self._readings).normal(0.0, self._settings.noise_K)
+        self._used += 1
+        noise = self._bench.random(now_s, 2, self._used).normal(0.0, self._settings.noise_K)
         return self._heater.temperature_K(now_s) + float(noise)
 
     def is_stable(self) -> bool | None:
         self._check()
         off = abs(self._heater.now_K() - self._heater.setpoint_K)
         return off <= self._settings.stable_within_K
-
-    def _check(self) -> None:
-        gone = self._settings.unplug_after
-        with self._asking():
-            if gone is not None and self._readings >= gone:
-                raise NotConnected("background: black body was unplugged (its fault unplug_after)")
 
 
 def open_blackbody(settings: dict[str, Any], context: RigContext) -> SimulatedBlackBody:

@@ -7,15 +7,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from cldit.arrays import Floats
 from cldit.camera.sensor import SensorModel
 from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import ConfigRejected, DeviceTimeout, MissingFrames, NotConnected
-from cldit.rig.link import Linked
+from cldit.rig.errors import ConfigRejected, MissingFrames
 from cldit.rig.protocols import (
     Capabilities,
-    DeviceInfo,
     Frame,
     Roi,
     Settings,
@@ -24,7 +21,7 @@ from cldit.rig.protocols import (
 )
 from cldit.scene.checks import Section, Within
 
-from .simulated_scene import Pulse, SimulatedScene, bench_of
+from .simulated_scene import Pulse, SimulatedDevice, SimulatedScene, bench_of
 
 _LIMITS_S = (320e-9, 1.0)
 _FRAME_RATE_Hz = 146.7  # full frame of a typical 640 x 512 InSb camera
@@ -38,31 +35,21 @@ ABOUT = DriverAbout("camera", "an InSb camera", "simulated")
 class CameraSettings(Section):
     """Faults of the camera, whose properties are in the scene of the bench."""
 
-    warm_up_s: Annotated[float, Within(0.0, 1e5)] = 0.0  # of the cooler, from connection on
-    warm_up_counts: Annotated[float, Within(0.0, 65535.0)] = 2000.0  # added while it is warm
-    gain_spread: Annotated[float, Within(0.0, 1.0)] = 0.0  # standard deviation of the pixels
-    offset_spread_counts: Annotated[float, Within(0.0, 1e4)] = 0.0  # the same for their offsets
-
     drop: Annotated[float, Within(0.0, 1.0)] = 0.0  # fraction of the frames that never arrive
     incomplete: Annotated[float, Within(0.0, 1.0)] = 0.0  # fraction that arrives with lines missing
     unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # frames before it is unplugged
 
 
-class SimulatedCamera(Linked):
+class SimulatedCamera(SimulatedDevice):
     """Implements `cldit.rig.protocols.Camera`."""
 
     def __init__(
         self, settings: CameraSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
-        super().__init__("camera", "simulated camera", by_hand="remove `unplug_after`")
+        super().__init__("camera", "camera", settings.unplug_after)
         self._faults = settings
-        self._rate_Hz = _FRAME_RATE_Hz
-        self._warm_until_s = -np.inf
-        self._pattern: tuple[Floats, Floats] | None = None
         self._torn: set[int] = set()
-        self._exposed = 0
         self._clock = context.clock
-        self._seed = context.seed
         self._bench = bench
         self._model: SensorModel | None = None
         self._settings: Settings | None = None
@@ -90,8 +77,6 @@ class SimulatedCamera(Linked):
 
     def _open(self, timeout_s: float) -> None:
         self._bench.open()
-        self._warm_until_s = self._clock.now_s() + self._faults.warm_up_s
-        self._pattern = self._non_uniformity()
         self._model = SensorModel.from_scene(self._bench.scene)
         self.configure(self._model.integration_time_s)
 
@@ -108,9 +93,6 @@ class SimulatedCamera(Linked):
 
     def _last_known(self) -> str:
         return self._told
-
-    def identify(self) -> DeviceInfo:
-        return DeviceInfo("camera", "cldit", "simulated camera", simulated=True)
 
     def read_configuration(self) -> dict[str, Any]:
         model = self._connected()
@@ -132,21 +114,6 @@ class SimulatedCamera(Linked):
 
     def wait_ready(self, timeout_s: float) -> None:
         self._connected()
-        left_s = self._warm_until_s - self._clock.now_s()
-        if left_s > timeout_s:
-            self._clock.sleep(timeout_s)
-            raise DeviceTimeout(
-                f"camera: is not cold after {timeout_s:g} s; its cooler needs "
-                f"{left_s - timeout_s:.0f} s more"
-            )
-        self._clock.sleep(max(left_s, 0.0))
-
-    def _non_uniformity(self) -> tuple[Floats, Floats]:
-        """Gain and offset in counts of each pixel, the same after every start."""
-        columns, rows = self._bench.scene.camera.sensor.pixels
-        gain, offset = np.random.default_rng([self._seed, 0xF1A7]).normal(size=(2, rows, columns))
-        gains = np.maximum(1.0 + self._faults.gain_spread * gain, 0.0)
-        return gains, self._faults.offset_spread_counts * offset
 
     def configure(
         self, integration_time_s: float, roi: Roi | None = None, pixel_format: str | None = None
@@ -223,7 +190,7 @@ class SimulatedCamera(Linked):
         external = self._trigger is not None and self._trigger.mode == TriggerMode.EXTERNAL_EDGE
         if self._armed and external and self._trigger is not None:
             for number in range(self._trigger.frames_per_trigger):
-                self._take(replace(pulse, time_s=pulse.time_s + number / self._rate_Hz))
+                self._take(replace(pulse, time_s=pulse.time_s + number / _FRAME_RATE_Hz))
         else:
             self._counts["missed"] += 1
 
@@ -247,17 +214,9 @@ class SimulatedCamera(Linked):
     def _expose(self, frame_id: int, pulse: Pulse) -> Frame:
         model, part = self._connected(), self._ready().roi
         random = self._bench.random(pulse.time_s, 3, frame_id)
-        assert self._pattern is not None  # connect() makes it
-        gain, offset = self._pattern
-        if pulse.time_s < self._warm_until_s:
-            offset = offset + self._faults.warm_up_counts
-        counts = model.expose(gain * self._bench.radiance(pulse), random)
-        if np.any(offset):
-            stuck = model.bad_pixels()
-            shifted = np.clip(np.rint(counts + offset), 0, model.saturation_counts)
-            counts = np.where(stuck, counts, shifted.astype(np.uint16))
+        counts = model.expose(self._bench.radiance(pulse), random)
         since_s = pulse.time_s - self._clock.now_s()
-        self._exposed += 1
+        self._used += 1
         data = counts[part.y : part.y + part.height, part.x : part.x + part.width]
         torn = frame_id in self._torn
         if torn:
@@ -271,14 +230,9 @@ class SimulatedCamera(Linked):
         )
 
     def _connected(self) -> SensorModel:
-        gone = self._faults.unplug_after
-        with self._asking():
-            if gone is not None and self._exposed >= gone:
-                raise NotConnected(
-                    "camera: simulated camera was unplugged (its fault unplug_after)"
-                )
-            assert self._model is not None  # connect() makes it
-            return self._model
+        self._check()
+        assert self._model is not None  # connect() makes it
+        return self._model
 
     def _ready(self) -> Settings:
         assert self._settings is not None  # connect() configures

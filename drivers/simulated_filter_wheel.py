@@ -5,12 +5,12 @@ from typing import Annotated, Any
 
 from cldit.rig.checks import check_filter
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import DeviceTimeout, NotConnected
+from cldit.rig.errors import DeviceTimeout
 from cldit.rig.link import HarmlessLink
-from cldit.rig.protocols import DeviceInfo, SpectralFilter
+from cldit.rig.protocols import SpectralFilter
 from cldit.scene.checks import Section, Within
 
-from .simulated_scene import SimulatedScene, bench_of
+from .simulated_scene import SimulatedDevice, SimulatedScene, bench_of
 
 ABOUT = DriverAbout("filter_wheel", "a wheel with the filters of the bench", "simulated")
 
@@ -26,15 +26,15 @@ class WheelSettings(Section):
     unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings before it is unplugged
 
 
-class SimulatedFilterWheel(HarmlessLink):
+class SimulatedFilterWheel(HarmlessLink, SimulatedDevice):
     """Implements `cldit.rig.protocols.FilterWheel`."""
 
     def __init__(self, settings: WheelSettings, context: RigContext, bench: SimulatedScene) -> None:
-        super().__init__("filter_wheel", "simulated filter wheel", by_hand="")
+        super().__init__("filter_wheel", "filter wheel", settings.unplug_after)
         self._settings = settings
         self._clock = context.clock
         self._bench = bench
-        self._moves = self._readings = 0
+        self._moves = 0
         # Times from which a position is in front of the camera; None during a move.
         self._history: list[tuple[float, int | None]] = [(context.clock.now_s(), 0)]
         bench.attach_wheel(self._place)
@@ -42,12 +42,6 @@ class SimulatedFilterWheel(HarmlessLink):
     def _open(self, timeout_s: float) -> None:
         self._bench.open()
         self._check()
-
-    def _drop(self) -> None:
-        """Does nothing, because there is no line."""
-
-    def identify(self) -> DeviceInfo:
-        return DeviceInfo("filter_wheel", "cldit", "simulated filter wheel", simulated=True)
 
     @property
     def filters(self) -> tuple[SpectralFilter, ...]:
@@ -84,8 +78,8 @@ class SimulatedFilterWheel(HarmlessLink):
     def read_filter(self) -> str | None:
         self._check()
         now_s = self._clock.now_s()
-        self._readings += 1
-        chance = self._bench.random(now_s, 7, self._readings).random(2)
+        self._used += 1
+        chance = self._bench.random(now_s, 7, self._used).random(2)
         if chance[0] < self._settings.late:
             with self._asking():
                 raise DeviceTimeout("filter_wheel: no answer to pos? (its fault late)")
@@ -108,12 +102,6 @@ class SimulatedFilterWheel(HarmlessLink):
         place = self._history[-1][1]
         assert place is not None  # each move ends
         return place
-
-    def _check(self) -> None:
-        gone = self._settings.unplug_after
-        with self._asking():
-            if gone is not None and self._readings >= gone:
-                raise NotConnected("filter_wheel: was unplugged (its fault unplug_after)")
 
 
 def open_filter_wheel(settings: dict[str, Any], context: RigContext) -> SimulatedFilterWheel:

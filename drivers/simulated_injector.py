@@ -1,7 +1,6 @@
 """A simulated trigger generator, with the injector at its other output."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,14 +8,10 @@ from cldit.io.files import append_text
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected
-from cldit.rig.link import Linked
-from cldit.rig.protocols import Burst, DeviceInfo
+from cldit.rig.protocols import Burst
 from cldit.scene.checks import Section, Within
 
-from .simulated_scene import Pulse, SimulatedScene, bench_of
-
-_STEP_S = 1e-8  # of delays and widths
-
+from .simulated_scene import Pulse, SimulatedDevice, SimulatedScene, bench_of
 
 ABOUT = DriverAbout("trigger", "a delay generator with an injector", "simulated")
 
@@ -28,13 +23,13 @@ class InjectorSettings(Section):
     pulse_log: Path | None = None  # one JSON line for each burst, as the device counts
 
 
-class SimulatedInjector(Linked):
+class SimulatedInjector(SimulatedDevice):
     """Implements `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(
         self, settings: InjectorSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
-        super().__init__("trigger", "simulated injector", by_hand="remove `unplug_after`")
+        super().__init__("trigger", "injector", settings.unplug_after)
         self._log = None if settings.pulse_log is None else context.folder / settings.pulse_log
         self._faults = settings
         self._clock = context.clock
@@ -45,15 +40,11 @@ class SimulatedInjector(Linked):
         self._done_s = context.clock.now_s()
         self._pulses = 0
         self._injections = 0
-        self._fired = 0
 
     def _open(self, timeout_s: float) -> None:
         if self._log is not None and not self._log.parent.is_dir():
             raise NotConnected(f"trigger: {self._log.parent}: no such folder for pulse_log")
         self._check()
-
-    def _drop(self) -> None:
-        """Does nothing, because there is no line."""
 
     def _write_safe(self) -> None:
         self.abort()
@@ -66,9 +57,6 @@ class SimulatedInjector(Linked):
         inject = self._burst is not None and self._burst.inject and not self._inhibited
         return "a trigger injects" if inject else "a trigger does not inject"
 
-    def identify(self) -> DeviceInfo:
-        return DeviceInfo("trigger", "cldit", "simulated injector", simulated=True)
-
     def read_configuration(self) -> dict[str, Any]:
         self._check()
         return {
@@ -80,13 +68,7 @@ class SimulatedInjector(Linked):
     def configure(self, burst: Burst) -> Burst:
         self.inhibit()  # nothing can fire after a rejected burst
         check_burst(burst)
-        self._burst = replace(
-            burst,
-            period_s=_rounded(burst.period_s),
-            camera_delay_s=_rounded(burst.camera_delay_s),
-            injector_delay_s=_rounded(burst.injector_delay_s),
-            widths_s=(_rounded(burst.widths_s[0]), _rounded(burst.widths_s[1])),
-        )
+        self._burst = burst
         self._inhibited = False
         return self._burst
 
@@ -103,7 +85,7 @@ class SimulatedInjector(Linked):
             raise FireUncertain("trigger: rate error (a fault of the simulated injector)")
         in_air = in_air and not chance[1] < self._faults.misfire
         self._count(burst.n)
-        self._fired += 1
+        self._used += 1
         self._starts_s = [start_s + index * burst.period_s for index in range(burst.n)]
         for pulse_s in self._starts_s:
             self._pulses += 1
@@ -156,16 +138,6 @@ class SimulatedInjector(Linked):
         entry = {"time": self._clock.wall_time(), "inject": self._burst.inject, "pulses": pulses}
         line = json.dumps(entry) + "\n"
         append_text(self._log, line)
-
-    def _check(self) -> None:
-        gone = self._faults.unplug_after
-        with self._asking():
-            if gone is not None and self._fired >= gone:
-                raise NotConnected("trigger: injector was unplugged (its fault unplug_after)")
-
-
-def _rounded(seconds: float) -> float:
-    return round(seconds / _STEP_S) * _STEP_S
 
 
 def open_injector(settings: dict[str, Any], context: RigContext) -> SimulatedInjector:

@@ -24,7 +24,9 @@ from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.protocols import FilterName, SpectralFilter
+from cldit.rig.errors import NotConnected
+from cldit.rig.link import Linked
+from cldit.rig.protocols import DeviceInfo, FilterName, SpectralFilter
 from cldit.run.ensemble import member_folder
 from cldit.run.stored_files import node_folders
 from cldit.scene import Scene, load_scene
@@ -47,7 +49,6 @@ class SceneSettings(Section):
     )
     shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: the scene's
     windows: Windows | None = None  # in front of the camera; None: the scene's
-    window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # unknown to the evaluation
 
 
 @dataclass(frozen=True)
@@ -332,13 +333,7 @@ def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:
         scatter = spray.scatter.model_copy(update={"optical_depth": settings.shot_scatter})
         spray = spray.model_copy(update={"scatter": scatter})
     windows = scene.windows if settings.windows is None else settings.windows
-    hotter = tuple(
-        window.model_copy(
-            update={"temperature_K": window.temperature_K + settings.window_heating_K}
-        )
-        for window in windows
-    )
-    return scene.model_copy(update={"spray": spray, "windows": hotter})
+    return scene.model_copy(update={"spray": spray, "windows": windows})
 
 
 def _transmission(spray: Weights, reference: Weights) -> Floats:
@@ -398,6 +393,29 @@ def _scatter(
     smooth = np.fft.irfft2(white * amplitude, s=(rows, columns)) / np.sqrt(variance)
     exponent = sigma * (smooth + rng.standard_normal()) - sigma**2
     return np.asarray(np.exp(exponent))
+
+
+class SimulatedDevice(Linked):
+    """A simulated instrument, which has no line, and is unplugged after `unplug_after` uses."""
+
+    def __init__(self, kind: str, name: str, unplug_after: int | None) -> None:
+        super().__init__(kind, f"simulated {name}", by_hand="remove `unplug_after`")
+        self._unplug_after = unplug_after
+        self._used = 0
+
+    def _drop(self) -> None:
+        """Does nothing, because there is no line."""
+
+    def identify(self) -> DeviceInfo:
+        return DeviceInfo(self._kind, "cldit", self._where, simulated=True)
+
+    def _check(self) -> None:
+        """Raises NotConnected if it is not connected, or unplugged."""
+        with self._asking():
+            if self._unplug_after is not None and self._used >= self._unplug_after:
+                raise NotConnected(
+                    f"{self._kind}: {self._where} was unplugged (its fault unplug_after)"
+                )
 
 
 def bench_of(context: RigContext) -> SimulatedScene:

@@ -14,7 +14,6 @@ from cldit.rig.load import open_rig
 from cldit.testing.backgrounds import background_steps
 from cldit.testing.bed import Bed, Make, beds_of
 from cldit.testing.cameras import camera_steps
-from cldit.testing.run import HARMLESS
 from cldit.testing.triggers import trigger_steps
 from cldit.testing.wheels import wheel_steps
 from tests.emulators.beds import BEDS
@@ -25,14 +24,13 @@ else:
     from cldit.drivers.simulated_scene import Pulse
 
 CAMERAS = ("gige_camera",)  # a session takes a second, and has many replies
-MANY = (*CAMERAS, "pulse_generator")  # replies: all of them are for the slow tests
-FIRST = {
+FIRST = {  # of the first tier
     "modbus_blackbody-eurotherm-tcp",
     "fluke418x-tcp",
     "dg645-tcp",
     "fw102c-serial",
-}  # of the first tier
-_SIMULATED = {
+}
+SIMULATED = {
     "simulated_camera": "camera",
     "simulated_filter_wheel": "filter_wheel",
     "simulated_blackbody": "background",
@@ -41,16 +39,15 @@ _SIMULATED = {
 
 
 def simulated(driver: str, rig: dict[str, Any]) -> Make:
-    """What is simulated has no replies; it is unplugged after its session."""
-    part = _SIMULATED[driver]
+    """What is simulated has no replies, and is unplugged by a setting."""
+    part = SIMULATED[driver]
 
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         if part == "filter_wheel" and part not in rig:
             run = rig["bench"]["settings"]["run"]
             rig["bench"]["settings"]["filters"] = {"first": [run], "second": [run]}
             rig[part] = {"driver": driver, "settings": {}}
-        after = {"camera": 1, "filter_wheel": None, "background": 2, "trigger": 1}[part]
-        rig[part]["settings"]["unplug_after"] = after
+        rig[part]["settings"] |= settings
         opened = open_rig(rig)
         device: Any = opened.devices[part]
         steps = {
@@ -75,7 +72,7 @@ def simulated(driver: str, rig: dict[str, Any]) -> Make:
 def make_of(driver: str, variant: str, rig: dict[str, Any]) -> Make:
     """Skips the test where what the driver needs is not installed; fails it for a driver that has
     no emulator."""
-    if driver in _SIMULATED:
+    if driver in SIMULATED:
         return simulated(driver, rig)
     about: DriverAbout | None = describe_drivers().get(driver)
     if about is not None and (missing := about.missing()):
@@ -88,46 +85,23 @@ def make_of(driver: str, variant: str, rig: dict[str, Any]) -> Make:
         pytest.fail(str(error))
 
 
-def cases(
-    *,
-    simulated: bool = True,
-    cameras: bool = True,
-    slow_cameras: bool = False,
-    harmless: bool = True,
-) -> list[Any]:
-    """Every bed of every installed driver; a driver without one fails. `harmless`: also of kinds
-    of which nothing can be left on."""
-    camera_marks = [pytest.mark.gige, *([pytest.mark.slow] if slow_cameras else [])]
+def cases(*, simulated: bool = True) -> list[Any]:
+    """Every bed of every installed driver; a driver without one fails."""
     return [
         pytest.param(
             name,
             variant,
             id=f"{name}-{variant}",
-            marks=camera_marks if name in CAMERAS else [],
+            marks=[pytest.mark.gige] if name in CAMERAS else [],
         )
         for name, about in describe_drivers().items()
-        if about.kind != "bench"
-        and (simulated or about.tested != "simulated")
-        and (cameras or name not in CAMERAS)
-        and (harmless or about.kind not in HARMLESS)
+        if about.kind != "bench" and (simulated or about.tested != "simulated")
         for variant in _variants(name)
-    ]
-
-
-def in_tiers(*, harmless: bool = True) -> list[Any]:
-    """Beds of all drivers of instruments; those beside `FIRST` are for the second tier."""
-    return [
-        pytest.param(
-            *case.values,
-            id=case.id,
-            marks=[*case.marks, *([] if case.id in FIRST else [pytest.mark.slow])],
-        )
-        for case in cases(simulated=False, harmless=harmless)
     ]
 
 
 def _variants(driver: str) -> list[str]:
     try:
-        return ["simulated"] if driver in _SIMULATED else list(BEDS.get(driver) or beds_of(driver))
+        return ["simulated"] if driver in SIMULATED else list(BEDS.get(driver) or beds_of(driver))
     except SceneError:
         return ["no bed"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cldit.acquisition.runner import acquire as acquire
     from cldit.acquisition.runner import iterate as iterate
     from cldit.acquisition.sequence import Record as Record
-    from cldit.acquisition.sequence import SavedShot as SavedShot
+    from cldit.acquisition.shot import SavedShot as SavedShot
 
 # Loaded when asked for: a trace needs the progress alone.
 _HOMES = {
@@ -26,7 +26,8 @@ _HOMES = {
     "cldit.acquisition.progress": ("Progress",),
     "cldit.acquisition.record": ("Acquisition", "Picture", "open_acquisition"),
     "cldit.acquisition.runner": ("acquire", "iterate"),
-    "cldit.acquisition.sequence": ("Record", "SavedShot"),
+    "cldit.acquisition.sequence": ("Record",),
+    "cldit.acquisition.shot": ("SavedShot",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -22,12 +22,15 @@ from cldit.io.files import append_text
 from cldit.io.plain_data import dump_yaml, parse_yaml
 from cldit.io.terminal import warn
 from cldit.rig.clock import SystemClock
+from cldit.rig.link import CONNECT_s
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.safety import RigSafety
+from cldit.rig.stability import WATCH_s
 
 _SAFE = b"safe\n"
 _PAUSES_s = (0.0, 1.0, 10.0)  # before each attempt
-_WAIT_s = 300.0  # for all attempts of the guard, each of which may watch for a minute
+# Each attempt watches until the black body cools, and reaches three instruments for 10 s each.
+_WAIT_s = sum(_PAUSES_s) + len(_PAUSES_s) * (WATCH_s + 3 * CONNECT_s)
 _PROCESS = (
     "import pathlib, sys; from cldit.acquisition.guard import watch; "
     "sys.exit(watch(sys.stdin.buffer, pathlib.Path(sys.argv[1])))"

@@ -384,23 +384,9 @@ def _shots_of(
     folder = file.resolve().parent
     setpoint_K = background.temperature_K
     where = f"{kind}s at {setpoint_K:g} K"
-    count = described.references if kind == "reference" else described.shots
-    patterns, kelvins, celsius, times = (
-        getattr(background, f"{kind}s{unit}") for unit in ("", "_K", "_C", "_s")
-    )
-    images: list[tuple[Source, int, ImageMetadata]] = []
+    kelvins, celsius, times = (getattr(background, f"{kind}s{unit}") for unit in ("_K", "_C", "_s"))
     with _named(file, key):
-        for named in find_sources(folder, patterns, where, described.axes):
-            source = replace(named, incomplete=described.incomplete)
-            of_file = reader.metadata(source)
-            if times is None:
-                check_clock(of_file, source)
-            images += [(source, number, metadata) for number, metadata in enumerate(of_file)]
-        if not images or (count is not None and len(images) != count):
-            raise EvaluationError(
-                f"{where}: {len(images)} images, expected {count or 'some'}; shots are missing, or "
-                "too many files match"
-            )
+        images = _images_of(folder, described, background, kind, reader, where=where)
     kelvin, taken_s = [setpoint_K] * len(images), [metadata.time_s for _, _, metadata in images]
     if kelvins is not None or celsius is not None:
         with _named(file, f"{key}_{'C' if kelvins is None else 'K'}"):
@@ -415,10 +401,8 @@ def _shots_of(
     if times is not None:
         with _named(file, f"{key}_s"):
             taken_s = [*read_times(folder, times, where=where, count=len(images))]
-    elif any(
-        group.references_s or group.injections_s for group in described.backgrounds
-    ):  # another clock
-        taken_s = [None] * len(images)
+    elif any(group.references_s or group.injections_s for group in described.backgrounds):
+        taken_s = [None] * len(images)  # those of another clock
     for (source, number, metadata), background_K, time_s in zip(
         images, kelvin, taken_s, strict=True
     ):
@@ -432,6 +416,33 @@ def _shots_of(
             metadata=metadata,
             time_s=time_s,
         )
+
+
+def _images_of(
+    folder: Path,
+    described: MeasuredFile,
+    background: MeasuredBackground,
+    kind: Kind,
+    reader: FrameReader,
+    *,
+    where: str,
+) -> list[tuple[Source, int, ImageMetadata]]:
+    """File, number in it and metadata of each image of one kind at one background."""
+    count = described.references if kind == "reference" else described.shots
+    timed = getattr(background, f"{kind}s_s") is not None
+    images: list[tuple[Source, int, ImageMetadata]] = []
+    for named in find_sources(folder, getattr(background, f"{kind}s"), where, described.axes):
+        source = replace(named, incomplete=described.incomplete)
+        of_file = reader.metadata(source)
+        if not timed:
+            check_clock(of_file, source)
+        images += [(source, number, metadata) for number, metadata in enumerate(of_file)]
+    if not images or (count is not None and len(images) != count):
+        raise EvaluationError(
+            f"{where}: {len(images)} images, expected {count or 'some'}; shots are missing, or too "
+            "many files match"
+        )
+    return images
 
 
 def _name(source: Source, number: int, folder: Path) -> str:

@@ -19,8 +19,6 @@ from cldit.io.files import natural_order, write_text
 from cldit.io.plain_data import yaml_value
 from cldit.io.text_tables import read_table_text, split_cells
 
-_BITS = (8, 10, 12, 14, 16)
-_MOST_MISSING = 8  # frame numbers that are listed
 _SMALLEST = 8  # rows and columns of an image; smaller tables are logs
 Files = Callable[[Sequence["Recording"]], str]
 
@@ -215,9 +213,9 @@ def _lines(
 
 def _sensor(images: Sequence[Recording], dark: Sequence[Recording]) -> Iterator[str]:
     high = max(recording.high for recording in images)
-    bits = next((bits for bits in _BITS if high < 2**bits), None)
+    bits = max(8, 2 * -(-int(high).bit_length() // 2))  # of sensors: 8, 10, 12, 14 or 16
     integer = all(recording.form[1].startswith(("uint", "int")) for recording in images)
-    if integer and bits is not None:
+    if integer and bits <= 16:
         yield (
             f"  saturation_counts: {2**bits - 1}  # {bits} bits: the largest count read is "
             f"{high:g}; check"
@@ -297,7 +295,7 @@ def _kind(key: str, recordings: Sequence[Recording], files: Files, note: str) ->
         if (digits := re.findall(r"\d+", recording.source.path.stem))
     }
     gaps = sorted(set(range(min(numbers, default=0), max(numbers, default=-1) + 1)) - numbers)
-    if len(recordings) > 2 and 0 < len(gaps) <= _MOST_MISSING:
+    if 0 < len(gaps) < len(recordings) - 1:  # else they do not count the images
         note += f"; no number {', '.join(map(str, gaps))}"
     yield f"    {key}: {files(recordings)}  # {count} of {_form(recordings[0])}{note}"
 

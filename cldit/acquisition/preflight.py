@@ -16,12 +16,12 @@ from cldit.acquisition.storage import CONFIGURATION, PLAN
 from cldit.camera.calibration import Calibration
 from cldit.errors import RunFolderError
 from cldit.io.plain_data import read_json
+from cldit.rig.checks import ROUNDING
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import SpectralFilter, TriggerInfo, TriggerMode
 
-_READY_S = 900.0  # a cooled detector takes some minutes
-_AGREE = 0.01  # relative rounding of a setting by an instrument
+_READY_S = 900.0  # a Stirling cooler takes 5 to 10 min from room temperature
 _HOW_WELL = {  # of the setup, without influence on the images
     "uncertainty",
     "background_error_K",
@@ -77,38 +77,45 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bo
     picture = _test_picture(rig, modes, timeout_s=plan.frame_timeout_s)
     picture_bytes = plan.frames * picture.nbytes
     check_room(folder, needed_bytes(shots_left, picture_bytes=picture_bytes))
+    configuration, calibrations = _snapshot(rig, plan, picture.shape)
+    if (folder / PLAN).exists() and (folder / CONFIGURATION).exists():
+        check_same_rig(read_json(folder / CONFIGURATION), configuration, folder)
+    return Ready(
+        configuration=configuration,
+        shape=(picture.shape[0], picture.shape[1]),
+        integration_time_s=settings.integration_time_s,
+        saturation_counts=capabilities.saturation_counts,
+        minimum_period_s=capabilities.minimum_period_s,
+        trigger=external_trigger(modes, plan.frames),
+        picture_bytes=picture_bytes,
+        calibrations=calibrations,
+    )
+
+
+def _snapshot(
+    rig: Rig, plan: Plan, shape: tuple[int, ...]
+) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
+    """Configuration of the rig as JSON represents it, and the calibration with each filter."""
     devices = {
         name: {"info": asdict(device.identify()), "configuration": device.read_configuration()}
         for name, device in rig.devices.items()
     }
     try:
         devices = json.loads(json.dumps(devices, allow_nan=False))
-        calibrations = [Calibration.from_dict(item) for item in calibrations_of(devices, plan)]
+        calibrations = tuple(map(Calibration.from_dict, calibrations_of(devices, plan)))
     except KeyError as error:
         raise ConfigRejected(f"camera: its configuration has no {error}") from error
     except (TypeError, ValueError) as error:
         raise ConfigRejected(f"a configuration cannot be stored: {error}") from error
-    rows, columns = picture.shape
     configuration = {
         "plan_hash": plan.hash(),
         "cldit": version("cldit"),
         "rig": rig.file.name,
         "setup": rig.file.setup.model_dump(mode="json"),
-        "shape": [rows, columns],
+        "shape": [*shape],
         "devices": devices,
     }
-    if (folder / PLAN).exists() and (folder / CONFIGURATION).exists():
-        check_same_rig(read_json(folder / CONFIGURATION), configuration, folder)
-    return Ready(
-        configuration=configuration,
-        shape=(rows, columns),
-        integration_time_s=settings.integration_time_s,
-        saturation_counts=capabilities.saturation_counts,
-        minimum_period_s=capabilities.minimum_period_s,
-        trigger=external_trigger(modes, plan.frames),
-        picture_bytes=picture_bytes,
-        calibrations=tuple(calibrations),
-    )
+    return configuration, calibrations
 
 
 def calibrations_of(devices: dict[str, Any], plan: Plan) -> list[dict[str, Any]]:
@@ -124,7 +131,7 @@ def calibrations_of(devices: dict[str, Any], plan: Plan) -> list[dict[str, Any]]
 
 
 def _agree(setting: str, written: float, read: float, *, tolerance: float = 0.0) -> None:
-    if not abs(read - written) <= max(_AGREE * abs(written), tolerance):
+    if not abs(read - written) <= max(ROUNDING * abs(written), tolerance):
         raise ConfigRejected(f"{setting}: reads back {read:g} after {written:g} was written")
 
 

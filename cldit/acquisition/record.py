@@ -214,6 +214,24 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     if not 0 <= frame < plan.frames:
         raise RunFolderError(f"{folder}: frame {frame}: allowed: 0..{plan.frames - 1}")
     content = survey(folder, plan, salvage=True)
+    configured = _configured(folder, plan)
+    verified = _verified(folder, content)
+    entries = {**content.adoptable, **content.saved}
+    _check_filters(folder, plan, entries)
+    return Acquisition(
+        folder=folder,
+        plan=plan,
+        **configured,
+        shots=_pictures(folder, plan, entries, shot_times(content.entries)),
+        missing=tuple(shot.id for shot in plan.steps() if shot.id not in entries),
+        frame=frame,
+        damage=(*_damage(folder, content), *(() if verified else (f"{folder}: {UNVERIFIED}",))),
+    )
+
+
+def _configured(folder: Path, plan: Plan) -> dict[str, Any]:
+    """The configuration, and the fields of an `Acquisition` that it gives; RunFolderError if it is
+    damaged, or of another plan."""
     configuration = read_json(folder / CONFIGURATION)
     if configuration.get("plan_hash") != plan.hash():
         raise RunFolderError(f"{folder / CONFIGURATION}: belongs to another plan; restore it")
@@ -235,12 +253,26 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         raise RunFolderError(
             f"{folder / CONFIGURATION}: is damaged ({problem}); restore it"
         ) from error
-    verified = _verified(folder, content)
-    entries = {**content.adoptable, **content.saved}
-    _check_filters(folder, plan, entries)
-    times = shot_times(content.entries)
+    return {
+        "configuration": configuration,
+        "calibrations": calibrations,
+        "surroundings": setup.surroundings,
+        "pixel_m": setup.pixel_m,
+        "centre_m": setup.centre_of(shape),
+        "bad_pixels": bad,
+        "shape": shape,
+    }
+
+
+def _pictures(
+    folder: Path,
+    plan: Plan,
+    entries: Mapping[str, Mapping[str, Any]],
+    times: Mapping[str, tuple[float, float | None]],
+) -> tuple[Picture, ...]:
+    """Kept shots in the plan's order, by their `entries` and `times` of the journal."""
     unknown = (None, None)
-    shots = tuple(
+    return tuple(
         Picture(
             id=shot.id,
             path=shot_path(folder, shot.id),
@@ -257,21 +289,6 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         )
         for shot in plan.steps()
         if (entry := entries.get(shot.id)) is not None
-    )
-    return Acquisition(
-        folder=folder,
-        plan=plan,
-        configuration=configuration,
-        calibrations=calibrations,
-        surroundings=setup.surroundings,
-        pixel_m=setup.pixel_m,
-        centre_m=setup.centre_of(shape),
-        bad_pixels=bad,
-        shape=shape,
-        shots=shots,
-        missing=tuple(shot.id for shot in plan.steps() if shot.id not in entries),
-        frame=frame,
-        damage=(*_damage(folder, content), *(() if verified else (f"{folder}: {UNVERIFIED}",))),
     )
 
 

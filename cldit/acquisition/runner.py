@@ -11,7 +11,8 @@ from cldit.acquisition.interrupts import Interrupts
 from cldit.acquisition.plan import Plan
 from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress
-from cldit.acquisition.sequence import Record, SavedShot, Sequence
+from cldit.acquisition.sequence import Record, Sequence
+from cldit.acquisition.shot import SavedShot
 from cldit.acquisition.storage import RUNNING
 from cldit.io.exclusive import exclusive
 from cldit.rig.clock import StopCheck

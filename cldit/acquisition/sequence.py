@@ -20,6 +20,7 @@
 """
 
 import json
+import math
 from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,17 +28,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cldit.acquisition.disk import needed_bytes
 from cldit.acquisition.interrupts import Interrupts
-from cldit.acquisition.journal import ApproachLog, Entry, Journal
+from cldit.acquisition.journal import Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready, preflight
 from cldit.acquisition.progress import Approach, Eta, Progress
 from cldit.acquisition.quality import References
-from cldit.acquisition.shot import Rejected, Shooter, Taken
+from cldit.acquisition.shot import Rejected, SavedShot, Shooter
 from cldit.acquisition.storage import (
     CONFIGURATION,
     JOURNAL,
@@ -59,7 +57,9 @@ from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig
 from cldit.rig.stability import wait_stable
 
-_KEEP_ALIVE_s = 20.0  # idle sessions are closed after a minute or more
+# The curve of an approach, which takes minutes, has a point each 10 s. The other instruments are
+# asked as often, because they close sessions that are idle for a minute.
+_APPROACH_s = 10.0
 
 
 @dataclass(frozen=True)
@@ -72,15 +72,6 @@ class Record:
     total: int
     lost_injections: int
     rejected: int
-
-
-@dataclass(frozen=True)
-class SavedShot:
-    """A shot that is on the disk: raw counts (h, w), or (n, h, w) if the plan has n frames."""
-
-    shot: Shot
-    image: NDArray[np.uint16]
-    meta: dict[str, Any]
 
 
 class Sequence:
@@ -203,27 +194,24 @@ class Sequence:
         clock, background = self._rig.clock, self._rig.background
         if self._interrupts.should_stop():
             raise _Stopped
-        start = asked_s = clock.now_s()
+        start = clock.now_s()
         got = background.set_setpoint(temperature_K)
         if not abs(got - temperature_K) <= self._plan.stability.tolerance_K:
             raise RigError(
                 f"background: set point reads back {got:g} K after {temperature_K:g} K was written"
             )
-        log = ApproachLog(journal, clock)
+        noted_s = -math.inf
 
         def approaches(now_K: float) -> None:
-            nonlocal asked_s
-            if clock.now_s() - asked_s >= _KEEP_ALIVE_s:
-                asked_s = clock.now_s()
-                for name, device in self._rig.devices.items():
-                    if name != "background":  # which is read all the time
-                        device.read_configuration()
+            nonlocal noted_s
+            if clock.now_s() - noted_s >= _APPROACH_s:
+                noted_s = clock.now_s()
+                self._note_approach(journal, now_K, temperature_K)
             approach = Approach(
                 reading_K=now_K,
                 setpoint_K=temperature_K,
                 tolerance_K=self._plan.stability.tolerance_K,
             )
-            log.note(approach)
             self._say(f"background {now_K:.1f} K, to {temperature_K:g} K", approach)
 
         try:
@@ -246,6 +234,18 @@ class Sequence:
             reading_K=reading,
             elapsed_s=elapsed_s,
         )
+
+    def _note_approach(self, journal: Journal, reading_K: float, setpoint_K: float) -> None:
+        journal.append(
+            "approaching",
+            time=self._rig.clock.wall_time(),
+            sync=False,  # a power cut may take the curve's last points
+            background_K=setpoint_K,
+            reading_K=reading_K,
+        )
+        for name, device in self._rig.devices.items():
+            if name != "background":  # which is read all the time
+                device.read_configuration()
 
     def _choose_filter(self, journal: Journal, shot: Shot) -> None:
         """Moves the filter wheel, if any, to the filter of a shot."""
@@ -279,11 +279,11 @@ class Sequence:
             except Exception as error:
                 self._lose(journal, shot, attempt, error)
                 raise
-            if isinstance(result, Taken):
-                self._save(journal, shot, result)
+            if isinstance(result, SavedShot):
+                self._save(journal, result)
                 self._eta.add("shot", clock.now_s() - start)
                 self._say(self._plan.describe(shot))
-                return SavedShot(shot, result.image, result.meta)
+                return result
             reason = result.reason
             self._reject(journal, shot, attempt, result)
         raise RetakesExhausted(
@@ -291,15 +291,10 @@ class Sequence:
             "mend it and give the same command again, it resumes"
         )
 
-    def _save(self, journal: Journal, shot: Shot, taken: Taken) -> None:
+    def _save(self, journal: Journal, taken: SavedShot) -> None:
+        shot, pixel_m = taken.shot, self._rig.file.setup.pixel_m
         with written(shot_path(self._folder, shot.id), needed_bytes=self._room_bytes()):
-            digest = save_shot(
-                self._folder,
-                shot,
-                taken.image,
-                pixel_m=self._rig.file.setup.pixel_m,
-                meta=taken.meta,
-            )
+            digest = save_shot(self._folder, shot, taken.image, pixel_m=pixel_m, meta=taken.meta)
         # The image is on the disk; were this line lost, the next run would find it and adopt it.
         # The next `fired` line, which is always synced, takes it along.
         journal.append("saved", **_saved(taken.meta), file_sha256=digest, sync=False)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,17 @@ from cldit.io.images import checksum
 from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, FireUncertain, MissingFrames, RigError
 from cldit.rig.load import Rig
-from cldit.rig.protocols import Frame
+from cldit.rig.protocols import Burst, Frame
+
+When = Literal["before", "after"]
 
 
 @dataclass(frozen=True)
-class Taken:
-    """An image (h, w), or a shot's (n, h, w), that may be kept, with its metadata."""
+class SavedShot:
+    """A shot that may be kept, and is on the disk once the sequence yields it: raw counts (h, w),
+    or (n, h, w) if the plan has n frames, and its metadata."""
 
+    shot: Shot
     image: NDArray[np.uint16]
     meta: dict[str, Any]
 
@@ -61,7 +65,7 @@ class Shooter:
         self._last_id: int | None = None
         self._next_s = -math.inf  # before this the camera does not take a trigger
 
-    def take(self, shot: Shot, attempt: int) -> Taken | Rejected:
+    def take(self, shot: Shot, attempt: int) -> SavedShot | Rejected:
         """Makes attempt number `attempt` to take `shot`.
 
         The `fired` line is on the disk before the trigger goes out. The trigger goes out once:
@@ -69,17 +73,15 @@ class Shooter:
         FireUncertain if the generator does not know whether it fired and no frame came, and Aborted
         by the operator.
         """
-        camera, background, trigger = self._rig.camera, self._rig.background, self._rig.trigger
+        camera, clock = self._rig.camera, self._rig.clock
         flushed = camera.flush()
         expected_id = None if self._last_id is None else self._last_id + flushed + 1
-        before_K = read_temperature(background)
-        if not abs(before_K - shot.background_K) <= self._plan.drift_K:
-            return Rejected(f"drift: {before_K:.2f} K before the shot", fired=False, drifted=True)
-        if (wrong := self._wrong_filter(shot)) is not None:
-            return Rejected(f"filter: {wrong} before the shot", fired=False, misplaced=True)
-        burst = trigger.configure(self._plan.burst(shot))
+        before_K = read_temperature(self._rig.background)
+        changed = self._drifted(shot, before_K, "before") or self._misplaced(shot, "before")
+        if changed is not None:
+            return changed
+        burst = self._rig.trigger.configure(self._plan.burst(shot))
         camera.arm()
-        clock = self._rig.clock
         clock.sleep(max(self._next_s - clock.now_s(), 0.0))
         self._journal.append(
             "fired", time=clock.wall_time(), shot=shot.id, attempt=attempt, inject=burst.inject
@@ -89,53 +91,74 @@ class Shooter:
         except MissingFrames as error:
             return Rejected(f"missing frame: {error}", fired=True)
         self._last_id = frames[-1].frame_id
-        after_K = read_temperature(background)
-        if (wrong := self._wrong_filter(shot)) is not None:
-            return Rejected(f"filter: {wrong} after the shot", fired=True, misplaced=True)
+        after_K = read_temperature(self._rig.background)
+        if (changed := self._misplaced(shot, "after")) is not None:
+            return changed
         problem = frame_problem(frames, self._ready, expected_id=expected_id)
         if problem is not None:
             return Rejected(problem, fired=True)
-        if not abs(after_K - shot.background_K) <= self._plan.drift_K:
-            return Rejected(f"drift: {after_K:.2f} K after the shot", fired=True, drifted=True)
-        start_frame = frames[0]
-        image = start_frame.data if len(frames) == 1 else np.stack([frame.data for frame in frames])
+        if (changed := self._drifted(shot, after_K, "after")) is not None:
+            return changed
+        image = frames[0].data if len(frames) == 1 else np.stack([frame.data for frame in frames])
         problem = self._references.problem(shot, image)
         if problem is not None:
             return Rejected(problem, fired=True)
-        several = [frame.device_timestamp_ns for frame in frames]
-        return Taken(
-            image,
-            {
-                "shot": shot.id,
-                "kind": shot.kind,
-                "attempt": attempt,
-                "camera_delay_s": burst.camera_delay_s,
-                **({} if (name := self._plan.filter_name(shot)) is None else {"filter": name}),
-                "background": shot.background,
-                "background_setpoint_K": shot.background_K,
-                "background_before_K": before_K,
-                "background_after_K": after_K,
-                "time": clock.wall_time(),
-                "frame_id": start_frame.frame_id,
-                "device_timestamp_ns": start_frame.device_timestamp_ns,
-                "host_timestamp_ns": start_frame.host_timestamp_ns,
-                **({"frame_timestamps_ns": several} if len(several) > 1 else {}),
-                "integration_time_s": self._ready.integration_time_s,
-                "saturation_counts": self._ready.saturation_counts,
-                "saturated_percent": saturated_percent(image, self._ready.saturation_counts),
-                "fire_uncertain": uncertain,
-                "plan_hash": self._plan_hash,
-                "sha256": checksum(image),
-            },
-        )
+        readings_K = {"background_before_K": before_K, "background_after_K": after_K}
+        meta = {
+            **self._of_shot(shot, attempt, burst, readings_K),
+            **self._of_frames(frames, image),
+            "fire_uncertain": uncertain,
+            "plan_hash": self._plan_hash,
+            "sha256": checksum(image),
+        }
+        return SavedShot(shot, image, meta)
 
-    def _wrong_filter(self, shot: Shot) -> str | None:
-        """Reads the filter wheel, and describes the filter if it is not the one of the shot."""
+    def _of_shot(
+        self, shot: Shot, attempt: int, burst: Burst, readings_K: dict[str, float]
+    ) -> dict[str, Any]:
+        """Metadata of the shot."""
+        name = self._plan.filter_name(shot)
+        return {
+            "shot": shot.id,
+            "kind": shot.kind,
+            "attempt": attempt,
+            "camera_delay_s": burst.camera_delay_s,
+            **({} if name is None else {"filter": name}),
+            "background": shot.background,
+            "background_setpoint_K": shot.background_K,
+            **readings_K,
+            "time": self._rig.clock.wall_time(),
+        }
+
+    def _of_frames(self, frames: list[Frame], image: NDArray[np.uint16]) -> dict[str, Any]:
+        """Metadata of the images."""
+        times_ns = [frame.device_timestamp_ns for frame in frames]
+        return {
+            "frame_id": frames[0].frame_id,
+            "device_timestamp_ns": times_ns[0],
+            "host_timestamp_ns": frames[0].host_timestamp_ns,
+            **({"frame_timestamps_ns": times_ns} if len(frames) > 1 else {}),
+            "integration_time_s": self._ready.integration_time_s,
+            "saturation_counts": self._ready.saturation_counts,
+            "saturated_percent": saturated_percent(image, self._ready.saturation_counts),
+        }
+
+    def _drifted(self, shot: Shot, reading_K: float, when: When) -> Rejected | None:
+        """Rejection of a shot whose black body is not at its set point."""
+        if abs(reading_K - shot.background_K) <= self._plan.drift_K:
+            return None
+        reason = f"drift: {reading_K:.2f} K {when} the shot"
+        return Rejected(reason, fired=when == "after", drifted=True)
+
+    def _misplaced(self, shot: Shot, when: When) -> Rejected | None:
+        """Rejection of a shot through another filter than planned, which the wheel is asked for."""
         planned, wheel = self._plan.filter_name(shot), self._rig.filter_wheel
         if planned is None or wheel is None:  # the preflight allows neither without the other
             return None
-        present = wheel.read_filter()
-        return None if present == planned else f"{present or 'none'} in place of {planned}"
+        if (present := wheel.read_filter()) == planned:
+            return None
+        reason = f"filter: {present or 'none'} in place of {planned} {when} the shot"
+        return Rejected(reason, fired=when == "after", misplaced=True)
 
     def _fired(self) -> tuple[list[Frame], bool]:
         """Fires once and reads the frames; True if the generator does not know whether it fired."""

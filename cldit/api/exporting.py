@@ -28,7 +28,7 @@ def export(
 
     Args:
         folder: acquisition or run.
-        to: `ome-tiff` or `nexus` for images, `vtu` for the octree (ParaView).
+        to: `nexus` for images, `vtu` for the octree (ParaView).
         out: the file; None: in the folder.
         node: octree: number of a wavelength; None: the brightest.
         own_frame: octree: cldit's coordinates instead of the CFD case's.

@@ -14,7 +14,8 @@ from cldit.acquisition.dry_runs import DryRun, dry_run
 from cldit.acquisition.plan import Plan, load_plan, parse_plan
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import iterate
-from cldit.acquisition.sequence import Record, SavedShot
+from cldit.acquisition.sequence import Record
+from cldit.acquisition.shot import SavedShot
 from cldit.rig.clock import Clock, StopCheck
 from cldit.rig.load import Rig
 from cldit.rig.load import open_rig as _open_rig

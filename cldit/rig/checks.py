@@ -8,6 +8,9 @@ from typing import Any, Protocol
 from cldit.rig.errors import ConfigRejected, OddAnswer, OutOfLimits
 from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, TriggerMode
 
+ROUNDING = 0.01
+"""Relative difference of a setting from the value read back that is rounding: a step of 0.1 us of a
+camera's exposure of 25 us is 0.4 %, one of 10 mV of a level of 2 V 0.5 %."""
 EDGES = ("rising", "falling")
 _SCPI_NONE = 9.9e37  # 9.9E37 is infinity, 9.91E37 not a number (SCPI 1999, volume 1, 7.2.1.4-5)
 _HOTTEST_K = 1e4  # no solid or liquid is as hot

@@ -63,7 +63,7 @@ class SystemClock:
         """Does nothing, because real time has passed meanwhile."""
 
 
-_START_EPOCH_S = 946_684_800.0  # 2000-01-01: the same in every run
+_START_EPOCH_S = datetime(2000, 1, 1, tzinfo=UTC).timestamp()  # the same in every run
 
 
 class SimulatedClock:

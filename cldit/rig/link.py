@@ -37,9 +37,8 @@ from cldit.rig.protocols import Safety
 
 T = TypeVar("T")
 
-_LEFT = 0.5  # part of the time for connecting that a second attempt needs
+CONNECT_s = 10.0  # TCP repeats a lost first packet after 1, 3 and 7 s (RFC 6298)
 _IDLE_s = 10.0  # no session is closed as idle earlier
-_REOPEN_s = 10.0  # time to open one anew: the default of connect()
 _TRIES = 3  # a link that is only out of step recovers at the second
 
 
@@ -107,7 +106,7 @@ class Linked(ABC):
         where: str,
         *,
         by_hand: str,
-        reach_s: float = 10.0,
+        reach_s: float = CONNECT_s,
         address: Callable[[], str] | None = None,
     ) -> None:
         self._address = address
@@ -152,7 +151,7 @@ class Linked(ABC):
     def _last_known(self) -> str:
         """Last known settings in words, without a query."""
 
-    def connect(self, timeout_s: float = 10.0) -> None:
+    def connect(self, timeout_s: float = CONNECT_s) -> None:
         """Connects, unless connected already; raises NotConnected, ConfigRejected."""
         if self._state is LinkState.OPEN and not self._prepared:
             self._state = LinkState.LOST  # opened to be made safe alone
@@ -194,8 +193,9 @@ class Linked(ABC):
         try:
             attempt(timeout_s)
         except (NotConnected, DeviceTimeout):
-            left_s = timeout_s - (time.monotonic() - start_s)
-            if not self._unanswered or left_s < _LEFT * timeout_s:
+            took_s = time.monotonic() - start_s
+            left_s = timeout_s - took_s
+            if not self._unanswered or left_s < took_s:
                 raise
             self._drop()
             attempt(left_s)
@@ -344,7 +344,7 @@ class Linked(ABC):
                 if not (was_idle or isinstance(error, errors)) or not self._is_lost():
                     raise
             prepared = self._prepared
-            self._reach(_REOPEN_s, for_use=False)
+            self._reach(CONNECT_s, for_use=False)
             self._prepared = prepared
             return work()
         finally:

@@ -15,7 +15,6 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from cldit.rig.errors import InUse
@@ -44,15 +43,8 @@ def serial_address(line: str) -> str:
     return f"serial {os.path.realpath(line) if os.sep in line else line}"
 
 
-@dataclass
-class _Held:
-    """Locked file of this process, and the devices that use it."""
-
-    handle: int
-    users: set[int] = field(default_factory=set)
-
-
-_HELD: dict[str, _Held] = {}
+_HELD: dict[str, tuple[int, set[int]]] = {}
+"""Handles of this process's locked files, and the devices that use each, by address."""
 _GUARD = threading.Lock()
 
 
@@ -61,24 +53,23 @@ def take(address: str, user: object) -> None:
     names the process that has it, and since when.
     """
     with _GUARD:
-        held = _HELD.get(address)
-        if held is None:
-            held = _HELD[address] = _Held(_locked(lock_file(address)))
-        held.users.add(id(user))
+        if address not in _HELD:
+            _HELD[address] = _locked(lock_file(address)), set()
+        _HELD[address][1].add(id(user))
 
 
 def free(address: str, user: object) -> None:
     """Ends the use of an instrument by `user`; the last one's end frees the lock."""
     with _GUARD:
-        held = _HELD.get(address)
-        if held is None:
+        if address not in _HELD:
             return
-        held.users.discard(id(user))
-        if not held.users:
+        handle, users = _HELD[address]
+        users.discard(id(user))
+        if not users:
             del _HELD[address]
             with suppress(OSError):  # another user's
                 lock_file(address).unlink()
-            os.close(held.handle)
+            os.close(handle)
 
 
 def lock_file(address: str) -> Path:

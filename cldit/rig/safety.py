@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from cldit.rig.errors import NotSafe
 from cldit.rig.protocols import KINDS, Device, Safety
 
-_CONNECT_s = 15.0  # longer than any camera's heartbeat
-
 
 @dataclass(frozen=True)
 class RigSafety:
@@ -78,7 +76,7 @@ def _take_over(device: Device) -> Exception | None:
     device is connected, and the error returned."""
     take_over = getattr(device, "take_over", None)  # of cldit.rig.link.Linked
     try:
-        device.connect(_CONNECT_s) if take_over is None else take_over()
+        device.connect() if take_over is None else take_over()
     except Exception as error:  # a broken sensor must not keep it hot
         return error
     return None

@@ -14,10 +14,10 @@ from cldit.rig.clock import Clock, StopCheck
 from cldit.rig.errors import Aborted, DeviceTimeout, NotSafe
 from cldit.rig.protocols import Limits, Stability
 
-_COLD_K = 5.0  # above the safe set point
+_COLD_K = 5.0  # a body at rest in a room of 300 K, above the usual safe set point of 295 K
 # A body with a time constant of 100 min falls by 1 % of its excess in 60 s. A fall of 0.5 K is five
 # standard deviations of a mean of ten readings with a noise of 0.3 K.
-_WATCH_s, _WATCH_POLL_s = 60.0, 0.5
+WATCH_s, _WATCH_POLL_s = 60.0, 0.5
 _FALL, _LEAST_FALL_K, _MEAN_OF = 0.01, 0.5, 10
 
 
@@ -86,7 +86,7 @@ def watch_cooling(device: Thermometer, clock: Clock, safe_K: float) -> str:
     the temperature is within 5 K of `safe_K`, or falls within 60 s by 1 % of its excess; raises
     NotConnected if it cannot be read.
     """
-    end_s = clock.now_s() + _WATCH_s
+    end_s = clock.now_s() + WATCH_s
     first_K = reading_K = read_temperature(device)
     if first_K <= safe_K + _COLD_K:
         return f"cold at {first_K:.1f} K"
@@ -102,7 +102,7 @@ def watch_cooling(device: Thermometer, clock: Clock, safe_K: float) -> str:
             if mean_K <= highest_K - max(_FALL * (first_K - safe_K), _LEAST_FALL_K):
                 return f"falls to {reading_K:.1f} K"
     raise NotSafe(
-        f"it does not cool: {first_K:.1f} K, and {reading_K:.1f} K after {_WATCH_s:.0f} s; is it "
+        f"it does not cool: {first_K:.1f} K, and {reading_K:.1f} K after {WATCH_s:.0f} s; is it "
         "in manual output, at a second set point, on hold in a ramp, or in another unit?"
     )
 

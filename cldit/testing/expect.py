@@ -7,6 +7,11 @@ from typing import Any
 
 from cldit.errors import ClditError
 
+HANG_s = 60.0
+"""Limit for what takes milliseconds where all is well, on a machine that is busy with much else."""
+AGREE_K = 0.1
+"""Difference of a set point from the one read back, which controllers round to a tenth."""
+
 
 class ContractBroken(ClditError, AssertionError):
     """A driver violates the contract of drivers."""

@@ -7,17 +7,15 @@ harmless all the same, and that this is not confirmed must be reported.
 
 import time
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from cldit.rig.safety import make_safe
 from cldit.testing.bed import Bed, Make, opened, problem_of
-from cldit.testing.expect import expect
-from cldit.testing.lost_replies import session
+from cldit.testing.expect import HANG_s, expect
+from cldit.testing.lost_replies import all_right, session
 from cldit.testing.replies import Fault
 
 _ANSWER_s, _LATE = 0.3, 1.3  # time to wait for an answer; delay of a late one over that
-_OBEYED_s = 60.0  # limit for commands behind late answers
 _BROKEN_HIGH_K, _BROKEN_LOW_K, _FROZEN_K = 3549.85, 73.15, 295.0  # 3276.7 °C, -200 °C
 _ABOVE_K = 50.0  # above the limits of the set point
 
@@ -51,9 +49,7 @@ def check_implausible(
         problem = problem_of(check, answer_s=_ANSWER_s)
         return f"{', '.join(case)}: {problem}" if problem else ""
 
-    with ThreadPoolExecutor(at_once) as pool:
-        problems = [problem for problem in pool.map(one, cases) if problem]
-    expect(not problems, "\n".join(problems))
+    all_right(one, cases, at_once)
     return len(cases)
 
 
@@ -71,7 +67,7 @@ def _left_on(bed: Bed, trouble: float | Fault, way: str, *, late_s: float) -> No
         bed.device.close()
         device = bed.afresh()
     safety = make_safe({"device": device}, ("device",), taken_over=device is not bed.device)
-    end_s = time.monotonic() + _OBEYED_s
+    end_s = time.monotonic() + HANG_s
     while bed.left_on() and time.monotonic() < end_s:
         time.sleep(0.01)
     struck = bed.replies.struck

@@ -17,12 +17,11 @@ from typing import Any, TypeVar
 from cldit.rig.errors import NotConnected, NotSafe, RigError
 from cldit.rig.protocols import Safety
 from cldit.testing.bed import Bed, Make, Step, opened, problem_of
-from cldit.testing.expect import ContractBroken, expect, refuses
+from cldit.testing.expect import ContractBroken, HANG_s, expect, refuses
 from cldit.testing.replies import Fault
 
 _ANSWER_s, _LATE = 0.1, 1.5  # time to wait for an answer; delay of a late one over that
 _DEAD_ANSWER_s = 0.3
-_REACH_s = 300.0  # a driver that tries without end; `Linked` tries for 10 s, on an idle machine
 SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
 _SAMPLES = 8
 
@@ -91,7 +90,7 @@ def check_replies(
         for index, number in enumerate(numbers(replies))
         for fault in ([faults[(index + index // turn) % turn]] if in_turn else faults)
     ]
-    _all_right(one, cases, at_once)
+    all_right(one, cases, at_once)
     return len(cases)
 
 
@@ -122,19 +121,18 @@ def check_connect(
         problem = problem_of(check, answer_s=_ANSWER_s)
         return f"reply {number} of {replies} lost: {problem}" if problem else ""
 
-    _all_right(one, every(replies), at_once)
+    all_right(one, every(replies), at_once)
     return replies
 
 
-def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: int = 2) -> None:
+def check_dead(make: Make, settings: Mapping[str, Any] | None = None) -> None:
     """Checks an instrument that is silent after a session.
 
-    NotSafe must name the instrument, its address, its last known settings and what to do, also
-    after close(); an instrument that answers again must be made safe.
+    NotSafe must name the instrument, its address, its last known settings and what to do; an
+    instrument that answers again, also after close(), must be made safe.
 
     Args:
         make, settings: as for `check_replies`.
-        times: number of calls of make_safe(); each may take seconds.
 
     Raises:
         ContractBroken: the driver does otherwise.
@@ -145,13 +143,12 @@ def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: 
             expect(bed.left_on(), "the session leaves nothing on, so nothing is checked")
             bed.replies.spoil(Fault.DROP, bed.replies.sent + 1, last=10**9)
         begin_s = time.monotonic()
-        for _ in range(times):
-            error = refuses(bed.device.make_safe, NotSafe, "make_safe() of a dead instrument")
-            for part in (*bed.told, "Last known", "By hand"):
-                expect(part in str(error), f"{error}; expected {part!r} in it")
-            bed.device.close()
+        error = refuses(bed.device.make_safe, NotSafe, "make_safe() of a dead instrument")
         took_s = time.monotonic() - begin_s
-        expect(took_s < _REACH_s, f"tries to reach it for {took_s:.0f} s; allowed: {_REACH_s:g} s")
+        for part in (*bed.told, "Last known", "By hand"):
+            expect(part in str(error), f"{error}; expected {part!r} in it")
+        expect(took_s < HANG_s, f"tries to reach it for {took_s:.0f} s; allowed: {HANG_s:g} s")
+        bed.device.close()
         if bed.replies is not None:
             bed.replies.heal()
             did = bed.device.make_safe().did
@@ -187,8 +184,53 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
 
 
-def _all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
-    """Raises ContractBroken with the problems of all cases, whose sessions run in parallel."""
+def check_idle(make: Make, settings: Mapping[str, Any] | None = None) -> int:
+    """Runs a session in which the emulator closes the connection before one step, for each step, as
+    instruments and gateways close idle ones: it continues as if nothing had happened.
+
+    Args:
+        make, settings: as for `check_replies`.
+
+    Returns:
+        Number of sessions.
+
+    Raises:
+        ContractBroken: a line for each step that failed, returned something wrong, or after which
+            the instrument is left on or has injected twice.
+    """
+    problems: list[str] = []
+    with opened(make, settings) as bed:
+        steps = bed.steps if bed.hang_up is not None else []
+    for number, name in enumerate(step.name for step in steps):
+        with opened(make, settings) as bed:
+            assert bed.hang_up is not None
+            bed.device.connect()
+            for index, step in enumerate(bed.steps):
+                if index == number:
+                    bed.hang_up()
+                try:
+                    if not step.right(step.call()):
+                        problems.append(f"closed before {name}: {step.name} returned a wrong value")
+                except RigError as error:
+                    if name != "fire":  # only the session that configured a burst sends it
+                        problems.append(f"closed before {name}: {step.name}: {error}")
+                    break
+            bed.hang_up()
+            bed.device.make_safe()
+            if bed.left_on() or bed.injections > 1:
+                state = f"left on: {bed.left_on()}, {bed.injections} injections"
+                problems.append(f"closed before {name}: {state}")
+    expect(not problems, "\n".join(problems))
+    return len(steps)
+
+
+def all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
+    """Raises ContractBroken with the problems of all cases.
+
+    Args:
+        check: gives the problem of a case, empty if there is none.
+        cases, at_once: cases, and sessions in parallel.
+    """
     with ThreadPoolExecutor(at_once) as pool:
         failures = [problem for problem in pool.map(check, cases) if problem]
     expect(not failures, "\n".join(failures))

@@ -58,13 +58,13 @@ class Replies:
 
     def passed(self, reply: bytes, data: slice) -> bytes:
         """The part of a reply that arrives, returned when it does; `data` are its framed data."""
-        if not reply:
-            return reply
-        self.sent += 1
-        if self.fault is None or self.sent not in self._numbers:
+        self.sent += bool(reply)
+        if not reply or self.fault is None or self.sent not in self._numbers:
             return reply
         self.struck += 1
         start, stop, _ = data.indices(len(reply))
+        payload = reply[start:stop]
+        binary = self.no_number in (BINARY_NAN, INTEGER_NONE)
         match self.fault:
             case Fault.DROP:
                 return b""
@@ -73,20 +73,16 @@ class Replies:
             case Fault.LATE:
                 time.sleep(self._late_s)
                 return reply
+            case Fault.NAN if binary:
+                payload = (self.no_number * len(payload))[: len(payload)]
             case Fault.NAN:
-                replacement = self.no_number
-                if replacement in (BINARY_NAN, INTEGER_NONE):
-                    replacement = (replacement * (stop - start))[: stop - start]
-                return reply[:start] + replacement + reply[stop:]
-            case Fault.FOREIGN:
-                binary = self.no_number in (BINARY_NAN, INTEGER_NONE)  # its peer knows the address
-                return reply if binary else reply[:start] + _OTHERS + reply[stop:]
-            case Fault.ODD:
-                payload = reply[start:stop]
-                if self.no_number in (BINARY_NAN, INTEGER_NONE):
-                    payload = (_WORD_ODD * (stop - start))[: stop - start]
-                elif payload.count(b",") != _IDENTITY_COMMAS:
-                    payload = _NUMBER.sub(_TEXT_ODD, payload)
-                return reply[:start] + payload + reply[stop:]
+                payload = self.no_number
+            case Fault.FOREIGN if not binary:  # else its peer, who knows the address, changes it
+                payload = _OTHERS
+            case Fault.ODD if binary:
+                payload = (_WORD_ODD * len(payload))[: len(payload)]
+            case Fault.ODD if payload.count(b",") != _IDENTITY_COMMAS:
+                payload = _NUMBER.sub(_TEXT_ODD, payload)
             case Fault.GARBAGE:
-                return reply[:start] + bytes(b ^ 0xA5 for b in reply[start:stop]) + reply[stop:]
+                payload = bytes(byte ^ 0xA5 for byte in payload)
+        return reply[:start] + payload + reply[stop:]

@@ -1,25 +1,63 @@
 """Runs the contract for a driver: on its emulators, or the safe part of it on an instrument."""
 
+import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Any
 
-from cldit.rig.errors import RigError
+from cldit.io.plain_data import parse_json
+from cldit.rig.errors import NotConnected, RigError
+from cldit.rig.protocols import KINDS, Device
 from cldit.testing import lost_replies
 from cldit.testing.backgrounds import BACKGROUND
 from cldit.testing.bed import Make, beds_of, opened
 from cldit.testing.cameras import CAMERA
-from cldit.testing.devices import IDENTITY, LIFE
-from cldit.testing.expect import EVERYTHING, Allowed, Check, ContractBroken, NotAllowed
-from cldit.testing.idle import check_idle
+from cldit.testing.expect import (
+    EVERYTHING,
+    Allowed,
+    Check,
+    ContractBroken,
+    NotAllowed,
+    expect,
+    refuses,
+)
 from cldit.testing.implausible import check_implausible
 from cldit.testing.replies import LINE_FAULTS, Fault
 from cldit.testing.triggers import PULSES, TRIGGER
 from cldit.testing.wheels import FAULTS, WHEEL, check_spoiled
+
+
+def _life(device: Device, allowed: Allowed) -> None:
+    """Checks that connect, make_safe and close may be repeated, and the error before connect."""
+    device.make_safe()
+    device.close()
+    refuses(device.read_configuration, NotConnected, "before connect()", "connect")
+    device.connect()
+    device.connect()
+    stored = parse_json(json.dumps(device.read_configuration(), allow_nan=False))
+    expect(stored, "read_configuration() is empty")
+    device.make_safe()
+    device.make_safe()
+    device.close()
+    device.close()
+    refuses(device.read_configuration, NotConnected, "after close()")
+    device.connect()
+    expect(device.read_configuration(), "read_configuration() is empty when connected again")
+
+
+def _identity(device: Device, allowed: Allowed) -> None:
+    """Checks that kind, maker and model are given."""
+    info = device.identify()
+    expect(info.kind in KINDS, f"kind: {info.kind!r}")
+    expect(info.maker and info.model, f"{info} lacks maker or model")
+
+
+LIFE = Check("life", "connects, makes safe and closes, several times", _life)
+IDENTITY = Check("identity", "reads its identity", _identity)
 
 OF_KIND: dict[str, list[Check]] = {
     "camera": [LIFE, IDENTITY, *CAMERA],
@@ -75,12 +113,8 @@ def on_emulators(
         SceneError: there is no emulator, or the driver rejects the settings.
     """
     for variant, make in beds_of(driver).items():
-        for checks, with_bed in ((OF_KIND[kind], False), (OF_BED.get(kind, []), True)):
-            for check in checks:
-                work = partial(_alone, make, settings, check, with_bed=with_bed)
-                yield _tried(variant, check.name, work)
-        for name, trials in _lines(make, kind, settings, all_faults).items():
-            yield _tried(variant, name, trials)
+        for name, trial in trials(make, kind, settings, all_faults=all_faults).items():
+            yield _tried(variant, name, trial)
 
 
 def on_instrument(
@@ -103,7 +137,7 @@ def on_instrument(
         if kind == "camera":  # the check before may have left it armed
             with suppress(RigError):
                 device.disarm()
-        result = _tried("instrument", check.name, lambda c=check: c.run(device, allowed))  # type: ignore[misc]
+        result = _tried("instrument", check.name, partial(check.run, device, allowed))
         yield result
         if result.verdict is Verdict.FAILED and check is LIFE:
             return
@@ -117,35 +151,58 @@ def _alone(make: Make, settings: Mapping[str, Any] | None, check: Check, *, with
         check.run(bed if with_bed else bed.device, EVERYTHING)
 
 
-def _lines(
-    make: Make, kind: str, settings: Mapping[str, Any] | None, all_faults: bool
+def trials(
+    make: Make,
+    kind: str,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    all_faults: bool = False,
+    at_once: int = 1,
 ) -> dict[str, Callable[[], object]]:
-    def replies(
-        numbers: lost_replies.Numbers, faults: Sequence[Fault], *, in_turn: bool = True
-    ) -> Callable[[], str]:
-        check = partial(lost_replies.check_replies, make, numbers, faults, settings)
-        return lambda: f"{check(in_turn=in_turn)} sessions"
+    """Everything that is tried on an emulator, by name.
+
+    Args:
+        make: from `cldit.testing.bed.beds_of`.
+        kind: one of `OF_KIND`.
+        settings: of the driver, without the address.
+        all_faults: tries each fault of each reply; otherwise one of them each.
+        at_once: sessions in parallel, for trials of many.
+
+    Returns:
+        Functions without arguments, which raise what a check raises. Those of trials with many
+        sessions return their number in words.
+    """
+
+    def sessions(check: Callable[..., int], *args: Any, **options: Any) -> Callable[[], str]:
+        return lambda: f"{check(make, *args, settings, **options)} sessions"
+
+    def replies(numbers: lost_replies.Numbers, faults: list[Fault]) -> Callable[[], str]:
+        return sessions(
+            lost_replies.check_replies, numbers, faults, in_turn=not all_faults, at_once=at_once
+        )
 
     work: dict[str, Callable[[], object]] = {
-        "states": lambda: lost_replies.check_states(make, settings)
+        check.name: partial(_alone, make, settings, check, with_bed=with_bed)
+        for checks, with_bed in ((OF_KIND[kind], False), (OF_BED.get(kind, []), True))
+        for check in checks
     }
+    work["states"] = partial(lost_replies.check_states, make, settings)
     if all_faults:
-        work["each reply, each fault"] = replies(lost_replies.every, LINE_FAULTS, in_turn=False)
+        work["each reply, each fault"] = replies(lost_replies.every, LINE_FAULTS)
     elif kind == "camera":
         work["some replies lost, spoiled"] = replies(lost_replies.some, LINE_FAULTS)
     else:
         work["each reply lost"] = replies(lost_replies.every, [Fault.DROP])
         work["each reply spoiled"] = replies(lost_replies.every, lost_replies.SPOILED)
     if kind != "camera":
-        work["a reply lost while it connects"] = lambda: (
-            f"{lost_replies.check_connect(make, settings)} sessions"
-        )
-    work["sessions closed while idle"] = lambda: f"{check_idle(make, settings)} sessions"
+        connect = sessions(lost_replies.check_connect, at_once=at_once)
+        work["a reply lost while it connects"] = connect
+    work["sessions closed while idle"] = sessions(lost_replies.check_idle)
     if kind in HARMLESS:
-        work["spoiled answers"] = lambda: f"{check_spoiled(make, settings)} sessions"
+        work["spoiled answers"] = sessions(check_spoiled)
     else:
-        work["readings that cannot be"] = lambda: f"{check_implausible(make, settings)} sessions"
-        work["dead after its session"] = lambda: lost_replies.check_dead(make, settings, times=1)
+        work["readings that cannot be"] = sessions(check_implausible, at_once=at_once)
+        work["dead after its session"] = partial(lost_replies.check_dead, make, settings)
     return work
 
 
@@ -156,8 +213,7 @@ def _tried(where: str, name: str, work: Callable[[], object]) -> Result:
         verdict, message = Verdict.PASSED, outcome if isinstance(outcome, str) else ""
     except NotAllowed as error:
         verdict, message = Verdict.SKIPPED, str(error)
-    except ContractBroken as error:
-        verdict, message = Verdict.FAILED, str(error)
-    except Exception as error:  # other errors violate the contract
-        verdict, message = Verdict.FAILED, f"{type(error).__name__}: {error}"
+    except Exception as error:  # errors of any class violate the contract
+        kind = "" if isinstance(error, ContractBroken) else f"{type(error).__name__}: "
+        verdict, message = Verdict.FAILED, f"{kind}{error}"
     return Result(where, name, verdict, message, time.monotonic() - begin_s)

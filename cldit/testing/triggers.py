@@ -12,11 +12,10 @@ from typing import Any
 from cldit.rig.errors import ConfigRejected, RigError
 from cldit.rig.protocols import Burst, TriggerGenerator
 from cldit.testing.bed import Bed, Step
-from cldit.testing.expect import Allowed, Check, ContractBroken, expect, near, refuses
+from cldit.testing.expect import Allowed, Check, ContractBroken, HANG_s, expect, near, refuses
 
 _QUANTUM_s = 1e-6  # no instrument is coarser
 _PERIOD_s, _LONG_s = 0.05, 0.5  # the longer one outlasts two calls of a busy machine
-_HANG_s = 60.0  # limit for what takes milliseconds where all is well
 _MANY = 1000  # pulses of a burst of 50 s, which a busy machine aborts in time too
 _BUSY_s = 0.02  # delay of an emulator's pulse on a busy machine
 
@@ -71,7 +70,7 @@ def reference(trigger: TriggerGenerator, allowed: Allowed) -> None:
     """Checks that a burst without injection is sent, and ends."""
     trigger.configure(Burst(camera_delay_s=1e-3))
     trigger.fire()
-    trigger.wait_done(_HANG_s)
+    trigger.wait_done(HANG_s)
     trigger.inhibit()
 
 
@@ -92,7 +91,7 @@ def trigger_steps(
         Step("configuration", device.read_configuration, agrees),
         Step("configure", lambda: device.configure(burst), lambda got: bool(got == burst)),
         Step("fire", device.fire),
-        Step("wait", lambda: device.wait_done(_HANG_s)),
+        Step("wait", lambda: device.wait_done(HANG_s)),
         Step("configure again", lambda: device.configure(burst), lambda got: bool(got == burst)),
         Step("configuration again", device.read_configuration, agrees),
     ]
@@ -101,7 +100,7 @@ def trigger_steps(
 def _seen(bed: Bed, output: str, expected: int) -> list[float]:
     """Times of the pulses sent; waits for missing ones, which a busy machine may delay."""
     assert bed.pulses is not None
-    end_s = time.monotonic() + _HANG_s
+    end_s = time.monotonic() + HANG_s
     while len(bed.pulses(output)) < expected and time.monotonic() < end_s:
         time.sleep(1e-3)
     return bed.pulses(output)
@@ -117,7 +116,7 @@ def references_do_not_inject(bed: Bed, allowed: Allowed) -> None:
         armed = bed.armed()
         expect(bool(armed) is inject, f"before a burst with inject {inject}: {armed or 'nothing'}")
         bed.device.fire()
-        bed.device.wait_done(_HANG_s)
+        bed.device.wait_done(HANG_s)
         injected = len(_seen(bed, "injector", injections))
         expect(injected == injections, f"{injected} injections, not {injections}")
         pulses = len(_seen(bed, "camera", number))
@@ -133,7 +132,7 @@ def burst(bed: Bed, allowed: Allowed) -> None:
     got = bed.device.configure(Burst(n=3, period_s=_LONG_s))
     bed.device.fire()
     refuses(bed.device.fire, RigError, "fire() within a burst")
-    bed.device.wait_done(_HANG_s)
+    bed.device.wait_done(HANG_s)
     near(got.period_s, _LONG_s, _QUANTUM_s, "period_s [s]")
     times_s = _seen(bed, "camera", 3)
     expect(len(times_s) == 3, f"{len(times_s)} pulses to the camera, not 3")

@@ -31,7 +31,6 @@ MEASUREMENTS = (
     "imports",
     "licences",
     "line_of_sight",
-    "live_timing",
     "memory",
     "mutations",
     "models_small",

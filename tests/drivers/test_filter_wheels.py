@@ -1,5 +1,4 @@
-"""Filter wheels: the contract of `cldit.testing.wheels` for every driver, and what is the FW102C's
-own."""
+"""The FW102C with its emulator, beyond the contract of filter wheels."""
 
 from __future__ import annotations
 
@@ -13,14 +12,9 @@ import pytest
 from cldit.errors import SceneError
 from cldit.rig import locks
 from cldit.rig.clock import SimulatedClock, SystemClock
-from cldit.rig.drivers import RigContext, describe_drivers, load_driver
+from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected
 from cldit.rig.protocols import FilterWheel
-from cldit.testing.bed import opened
-from cldit.testing.devices import IDENTITY, LIFE
-from cldit.testing.expect import EVERYTHING, Check
-from cldit.testing.wheels import FAULTS, WHEEL, check_spoiled
-from tests.beds import cases, in_tiers, make_of
 from tests.emulators.beds import FILTERS, line_to
 from tests.emulators.filter_wheel import FilterWheelPeer
 
@@ -28,35 +22,6 @@ if TYPE_CHECKING:  # the same file, by the name under which mypy finds it
     from drivers.fw102c import open_fw102c
 else:
     from cldit.drivers.fw102c import open_fw102c
-
-
-def of_wheels(every: list[Any]) -> list[Any]:
-    return [case for case in every if describe_drivers()[case.values[0]].kind == "filter_wheel"]
-
-
-WHEELS, ON_LINES = of_wheels(cases()), of_wheels(cases(simulated=False))
-
-
-@pytest.mark.parametrize("check", [LIFE, IDENTITY, *WHEEL], ids=lambda check: check.name)
-@pytest.mark.parametrize(("driver", "variant"), WHEELS)
-def test_wheel(driver: str, variant: str, check: Check, tiny_rig: dict[str, Any]) -> None:
-    with opened(make_of(driver, variant, tiny_rig)) as bed:
-        if check is not LIFE:
-            bed.device.connect()
-        check.run(bed.device, EVERYTHING)
-
-
-@pytest.mark.parametrize("check", FAULTS, ids=lambda check: check.name)
-@pytest.mark.parametrize(("driver", "variant"), ON_LINES)
-def test_faults(driver: str, variant: str, check: Check) -> None:
-    with opened(make_of(driver, variant, {})) as bed:
-        bed.device.connect()
-        check.run(bed, EVERYTHING)
-
-
-@pytest.mark.parametrize(("driver", "variant"), of_wheels(in_tiers()))
-def test_spoiled_answers(driver: str, variant: str) -> None:
-    assert check_spoiled(make_of(driver, variant, {})) == 14
 
 
 @contextmanager

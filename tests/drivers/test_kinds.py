@@ -10,7 +10,7 @@ from cldit.rig.drivers import describe_drivers
 from cldit.rig.protocols import KINDS
 from cldit.testing.bed import beds_of
 from cldit.testing.run import HARMLESS, OF_KIND
-from tests.beds import _SIMULATED
+from tests.beds import SIMULATED
 from tests.emulators.beds import BEDS
 
 DRIVERS = describe_drivers()
@@ -27,7 +27,7 @@ def of_kind(kind: str, *, simulated: bool) -> list[str]:
 
 def test_kinds_and_contracts_are_the_same() -> None:
     assert list(OF_KIND) == list(KINDS) and set(KINDS) >= HARMLESS
-    assert set(_SIMULATED.values()) == set(KINDS)
+    assert set(SIMULATED.values()) == set(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)

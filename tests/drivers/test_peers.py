@@ -7,7 +7,6 @@ ours alone; its client, viva-genicam, is not.
 from __future__ import annotations
 
 import socket
-import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,8 +17,10 @@ import pytest
 
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
-from cldit.rig.errors import NotConnected, OutOfLimits
+from cldit.rig.errors import ConfigRejected, NotConnected, OutOfLimits
 from cldit.rig.protocols import TriggerInfo, TriggerMode
+from cldit.testing.bed import opened
+from tests.emulators.beds import BEDS
 from tests.emulators.blackbody import ModbusPeer
 from tests.emulators.gige_camera import GigePeer
 from tests.emulators.rig import CALIBRATION
@@ -111,6 +112,25 @@ def test_modbus_writes_a_setpoint_once() -> None:
         device.close()
 
 
+@pytest.mark.parametrize(("busy", "works"), [(3, True), (6, False)])
+def test_a_busy_controller_is_asked_again_within_a_bound(busy: int, works: bool) -> None:
+    from pymodbus.pdu import ExceptionResponse
+
+    with opened(BEDS["modbus_blackbody"]["eurotherm-tcp"]) as bed:
+        bed.device.connect()
+        client = bed.device._client
+        plain, refused = client.read_holding_registers, [ExceptionResponse(3, 6)] * busy
+        client.read_holding_registers = lambda *args, **named: (
+            refused.pop() if refused else plain(*args, **named)
+        )
+        if works:
+            assert bed.device.read_temperature() > 0.0
+        else:
+            with pytest.raises(ConfigRejected):
+                bed.device.read_temperature()
+        assert not refused
+
+
 # Camera
 
 
@@ -120,31 +140,6 @@ def camera_before(peer: GigePeer, **settings: Any) -> GenicamCamera:
         CONTEXT,
     )
     return made
-
-
-@pytest.mark.parametrize("legacy", [False, True])
-def test_memory_of_a_genicam_1_0_camera(legacy: bool) -> None:
-    """The peer is what the drivers must cope with: in READMEM (0x84) the width's bytes are the
-    other way round, in READREG (0x80) they never are; what GigE Vision defines is as ever."""
-    with (
-        GigePeer((64, 48), legacy=legacy) as peer,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
-    ):
-        client.settimeout(HANG_s)
-
-        def ask(command: int, body: bytes) -> bytes:
-            head = struct.pack(">BBHHH", 0x42, 1, command, len(body), 1)
-            client.sendto(head + body, (peer.host, 3956))
-            return client.recv(1024)
-
-        number, other = (64).to_bytes(4, "big"), (64).to_bytes(4, "little" if legacy else "big")
-        assert ask(0x80, struct.pack(">I", 0xA000))[8:] == number
-        assert ask(0x84, struct.pack(">IHH", 0xA000, 0, 4))[12:] == other
-        assert ask(0x84, struct.pack(">IHH", 0x0, 0, 4))[12:] == bytes((0, 1, 0, 2))
-        schema = 0 if legacy else 1
-        assert f'SchemaMinorVersion="{schema}"'.encode() in ask(
-            0x84, struct.pack(">IHH", 0x10000, 0, 512)
-        )
 
 
 @pytest.mark.gige

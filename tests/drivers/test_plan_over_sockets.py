@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cldit.acquisition import Plan, acquire, open_acquisition
-from cldit.rig.errors import FireUncertain, RetakesExhausted
+from cldit.rig.errors import RetakesExhausted
 from cldit.rig.load import Rig, open_rig
 from tests.emulators.gige_camera import GigePeer
 from tests.emulators.rig import PeerRig
@@ -92,16 +92,3 @@ def test_shots_of_several_frames_over_sockets(tmp_path: Path) -> None:
         peers.fuel_pressure = False
         with pytest.raises(RetakesExhausted, match="failed injection"):
             acquire(rig, plan(retakes=1), tmp_path / "b")
-
-
-@pytest.mark.gige
-def test_rate_error_ends_the_run_without_a_second_trigger(tmp_path: Path) -> None:
-    with PeerRig(camera=GigePeer((64, 48))) as peers:
-        peers.generator.fail_rate = 1
-        with open_rig(peers.rig_data()) as rig, pytest.raises(FireUncertain, match="rate error"):
-            acquire(rig, plan(), tmp_path / "a")
-        assert peers.generator.triggers == 0
-        events = [e["event"] for e in read_journal(tmp_path / "a" / "journal.jsonl")]
-        assert events[-3:] == ["fired", "lost", "made safe"]
-        with open_rig(peers.rig_data()) as rig:
-            assert acquire(rig, plan(), tmp_path / "a").complete

@@ -18,11 +18,11 @@ from tests.patience import HANG_s
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.controller import UNITS, Unit, from_kelvin, to_kelvin
-    from drivers.heater import Dynamics, Heater
+    from drivers.heater import Heater
     from drivers.modbus_registers import MAPS, RegisterMap
 else:
     from cldit.drivers.controller import UNITS, Unit, from_kelvin, to_kelvin
-    from cldit.drivers.heater import Dynamics, Heater
+    from cldit.drivers.heater import Heater
     from cldit.drivers.modbus_registers import MAPS, RegisterMap
 
 
@@ -46,12 +46,12 @@ class Peer:
         self,
         *,
         clock: Clock | None = None,
-        dynamics: Dynamics | None = None,
+        time_constant_s: float = 120.0,
         start_K: float = 295.0,
         serial: bool = False,
         port: int = 0,
     ) -> None:
-        self.heater = Heater(dynamics or Dynamics(), clock or SystemClock(), start_K)
+        self.heater = Heater(clock or SystemClock(), start_K, time_constant_s)
         self.host, self.port = "127.0.0.1", port
         self.serial: str | None = None
         self.replies = Replies()

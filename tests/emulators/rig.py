@@ -9,7 +9,7 @@ import sys
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,9 @@ from tests.emulators.dg645 import Dg645Peer
 from tests.emulators.gige_camera import GigePeer
 from tests.emulators.lines import Edge
 
-if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.heater import Dynamics
-else:
-    from cldit.drivers.heater import Dynamics
-
 _IN_AIR_s = 0.05  # time for which fuel is visible after an injection
 _ANSWER_s = 60.0  # limit: an answer takes milliseconds, on an idle machine
-_FAST = Dynamics(time_constant_s=0.05)
+_FAST_s = 0.05  # time constant of the black body
 
 # A camera of 14 bit that can measure black bodies from 340 K.
 CALIBRATION = {
@@ -52,14 +47,14 @@ class PeerRig:
         *,
         camera: GigePeer | None = None,
         fluke: bool = False,
-        dynamics: Dynamics = _FAST,
+        time_constant_s: float = _FAST_s,
         start_K: float = 295.0,
     ) -> None:
         self.camera = camera or GigePeer()
         self.blackbody: FlukePeer | ModbusPeer = (
-            FlukePeer(dynamics=dynamics, start_K=start_K)
+            FlukePeer(time_constant_s=time_constant_s, start_K=start_K)
             if fluke
-            else ModbusPeer("eurotherm-3200", dynamics=dynamics, start_K=start_K)
+            else ModbusPeer("eurotherm-3200", time_constant_s=time_constant_s, start_K=start_K)
         )
         self.generator = Dg645Peer(on_edge=self._wire)
         self.fuel_pressure = True

@@ -1,8 +1,8 @@
 """Runs an acquisition that the tests kill: arguments RIG PLAN FOLDER [POINT NUMBER].
 
 With POINT it kills itself with SIGKILL when that point is reached for the NUMBERth time, or NUMBER
-milliseconds after its first progress; `ctrl_c` and `ctrl_c_twice` interrupt it. Lines of the black
-body's approach are no points of their own, but for `torn_approach`.
+milliseconds after its first progress; `ctrl_c` interrupts it. Lines of the black body's approach
+are no points of their own, but for `torn_approach`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from typing import Any
 import cldit.acquisition.journal as journal_module
 import cldit.acquisition.sequence as sequence_module
 from cldit.acquisition import acquire, load_plan, storage
-from cldit.acquisition.interrupts import Interrupts
 from cldit.errors import ClditError
 from cldit.io import files
 from cldit.rig.load import Rig, open_rig
@@ -88,25 +87,6 @@ def arm(point: str, number: int, rig: Rig) -> None:
                 os.kill(os.getpid(), signal.SIGINT)
 
         rig.trigger.fire = fire_and_press  # type: ignore[method-assign]
-    elif point == "ctrl_c_twice":  # the second one when the first is handled: both would be one
-        handle, handled = Interrupts._handle, threading.Event()
-
-        def handling(self: Interrupts, *args: Any) -> None:
-            handled.set()
-            handle(self, *args)
-
-        def press() -> None:
-            os.kill(os.getpid(), signal.SIGINT)
-            handled.wait()
-            os.kill(os.getpid(), signal.SIGINT)
-
-        def fire_and_let_press() -> None:
-            fire()
-            if reached():
-                threading.Thread(target=press).start()
-
-        Interrupts._handle = handling  # type: ignore[method-assign, assignment]
-        rig.trigger.fire = fire_and_let_press  # type: ignore[method-assign]
     elif point == "part":  # the picture is written, not renamed
 
         def dying_replace(self: Path, target: Any) -> Any:

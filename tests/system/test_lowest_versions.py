@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-EXTRAS = (
-    *("pocl", "cfd", "export", "files", "fits", "tdms", "zarr", "hcc", "studies", "rig"),
-)
+EXTRAS = ("pocl", "cfd", "export", "files", "zarr", "hcc", "studies", "rig")
 # A scene end to end; imports (binary OpenFOAM, VTKHDF); images of cameras; evaluations; properties
 # of fluids; a study; drivers on their emulators.
 USES = (

@@ -10,7 +10,6 @@ from typing import Any
 from cldit.errors import FileError
 from cldit.io.files import open_regular
 
-_LONGEST = 1024  # bytes in which every signature lies
 EXPORT = "export raw counts as TIFF of 16 bits"
 
 
@@ -42,7 +41,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 KINDS = (
     Kind(
         "TIFF",
-        "tif tiff btf tf8 lsm stk",
+        "tif tiff btf tf8",
         ((0, b"II*\0"), (0, b"MM\0*"), (0, b"II+\0"), (0, b"MM\0+")),
         "tiff:Tiff",
     ),
@@ -56,8 +55,6 @@ KINDS = (
     Kind("netCDF 3", "", ((0, b"CDF\x01"), (0, b"CDF\x02")), "arrays:NetCdf3"),
     Kind("MATLAB 5", "", ((0, b"MATLAB 5.0 MAT-file"),), "arrays:Matlab5"),
     Kind("Zarr", "zarr", reader="arrays:Zarr", line="arrays:read_line"),
-    Kind("FITS", "fits fit fts", ((0, b"SIMPLE  ="),), "fits:Fits"),
-    Kind("TDMS", "tdms", ((0, b"TDSm"),), "tdms:Tdms", line="tdms:read_line"),
     Kind("Telops", "hcc", reader="hcc:Hcc"),
     Kind("NumPy", "npy", ((0, b"\x93NUMPY"),), "plain:open_npy"),
     Kind("PNG", "png", ((0, b"\x89PNG\r\n\x1a\n"),), "plain:open_png"),
@@ -80,8 +77,11 @@ KINDS = (
     Kind(
         "JPEG, which loses what it compresses", "jpg jpeg", ((0, b"\xff\xd8\xff"),), way_out=EXPORT
     ),
+    Kind("FITS", "fits fit fts", ((0, b"SIMPLE  ="),), way_out=EXPORT),
+    Kind("TDMS of LabVIEW", "tdms", ((0, b"TDSm"),), way_out=f"{EXPORT}, tables of it as CSV"),
     Kind("a film of a display", "avi mp4 mov", ((4, b"ftyp"),), way_out=EXPORT),
 )
+_HEAD = max(at + len(sign) for kind in KINDS for at, sign in kind.signatures)
 ALLOWED = ", ".join(
     f".{ending}" for kind in KINDS if kind.reader for ending in kind.endings.split()
 )
@@ -99,7 +99,7 @@ def kind_of(path: Path) -> Kind | None:
         return by_ending("zarr")
     try:
         with open_regular(path) as stream:
-            head = stream.read(_LONGEST)
+            head = stream.read(_HEAD)
     except FileError:  # its reader reports it
         head = b""
     for kind in KINDS:

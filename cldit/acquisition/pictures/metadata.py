@@ -1,8 +1,7 @@
 """Values of each image: time, exposure and temperature, from tables, data sets or the files.
 
-Of the files, only metadata that a format defines is read: headers of Telops' films, OME-XML, Exif's
-exposure and original time, NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which
-an export renews.
+Of the files, only metadata that a format defines is read: headers of Telops' films, OME-XML, and
+NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which an export renews.
 """
 
 import math
@@ -19,8 +18,8 @@ from cldit.acquisition.pictures.source import ImageMetadata, Source, moment_s, p
 from cldit.constants import ZERO_CELSIUS_K
 from cldit.errors import EvaluationError, reason
 from cldit.io.text_tables import read_table_text, split_cells, split_line
+from cldit.rig.checks import ROUNDING
 
-_SAME = 0.01  # relative: registers of cameras round their exposure
 _SAME_s = 1.0  # clocks that show whole seconds
 _FAR_K = 30.0  # from the set point: another unit, or another column
 
@@ -178,13 +177,13 @@ def check_exposures(
     if not exposures:
         return None
     name, first_s = exposures[0]
-    if stated_s is not None and abs(first_s - stated_s) > _SAME * stated_s:
+    if stated_s is not None and abs(first_s - stated_s) > ROUNDING * stated_s:
         raise EvaluationError(
             f"{name}: exposed for {1e6 * first_s:g} us by its file; integration_time_s says "
             f"{1e6 * stated_s:g} us: correct it, or take the right files"
         )
     for differing, exposed_s in exposures[1:]:
-        if abs(exposed_s - first_s) > _SAME * first_s:
+        if abs(exposed_s - first_s) > ROUNDING * first_s:
             raise EvaluationError(
                 f"{differing}: exposed for {1e6 * exposed_s:g} us by its file, {name} for "
                 f"{1e6 * first_s:g} us; references and injections need one exposure"

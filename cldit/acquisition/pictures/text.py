@@ -21,7 +21,6 @@ _UNIT = re.compile(
 _SIZE = re.compile(r"\b(width|height|columns|cols|rows)\s*[=:;,\t]\s*(\d+)\b", re.IGNORECASE)
 _WIDE = ("width", "columns", "cols")
 _COLD_C, _HOT_C = -80.0, 800.0  # of what infrared cameras export as temperatures
-_DECIMALS = 6  # at most, of positions
 
 
 class TextImages(ArrayStack):
@@ -76,7 +75,7 @@ def _evenly(image: Floats) -> bool:
         steps = np.diff(row)
         if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             return False
-        units = 10.0 ** -np.arange(_DECIMALS + 1.0)
+        units = 10.0 ** -np.arange(1.0 + np.finfo(np.float32).precision)
         fitting = [
             unit for unit in units if np.allclose(np.rint(row / unit) * unit, row, atol=1e-9)
         ]

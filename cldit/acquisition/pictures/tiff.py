@@ -5,7 +5,6 @@ import os
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from importlib.util import find_spec
 from typing import Any
 from xml.etree import ElementTree
@@ -26,7 +25,7 @@ from cldit.io.extras import install_line
 from cldit.io.files import open_regular
 from cldit.io.plain_data import parse_json
 
-_ORIENTATION, _TIME, _EXIF = 274, 306, 34665
+_ORIENTATION, _TIME = 274, 306  # tags of TIFF 6.0
 _OME_AXES = ("TheT", "TheZ", "TheC")
 
 
@@ -42,7 +41,7 @@ class Tiff:
             with _quiet():
                 self._file = tifffile.TiffFile(self._stream)
                 self._imagej = self._file.imagej_metadata or {}
-                self._pages = self._images()
+                self._pages: Sequence[int] = range(len(self._file.pages))
                 series = self._file.series[0]
                 self._size = os.fstat(self._stream.fileno()).st_size
                 declared = self._imagej.get("images", 1)
@@ -62,21 +61,6 @@ class Tiff:
         except BaseException:
             self._stream.close()
             raise
-
-    def _images(self) -> Sequence[int]:
-        """Numbers of the pages that are images, not thumbnails (TIFF 6.0, tag 254, bit 0).
-
-        Where the first two pages and the last one are images, all are.
-        """
-        count = len(self._file.pages)
-
-        def small(number: int) -> bool:
-            page: Any = self._file.pages[number]
-            return bool(page.is_reduced)
-
-        if not any(small(number) for number in {0, min(1, count - 1), count - 1}):
-            return range(count)
-        return [number for number in range(count) if not small(number)]
 
     def _of_one_page(self, series: Any, declared: int) -> NDArray[Any]:
         rows, columns = series.shape[-2:]
@@ -156,11 +140,7 @@ class Tiff:
         return tuple(notes)
 
     def _metadata(self) -> tuple[ImageMetadata, ...]:
-        if self._file.is_ome:
-            return ome_metadata(self._file.ome_metadata or "", len(self))
-        if not self._tag(0, _EXIF, {}):
-            return ()
-        return tuple(exif_metadata(self._tag(n, _EXIF, {})) for n in range(len(self)))
+        return ome_metadata(self._file.ome_metadata, len(self)) if self._file.ome_metadata else ()
 
     def __len__(self) -> int:
         return len(self._pages) if self._stack is None else len(self._stack)
@@ -235,23 +215,6 @@ def _seconds(plane: Any, name: str) -> float | None:
     if value is None or unit not in SECONDS_OF_UNIT:
         return None
     return float(value) * SECONDS_OF_UNIT[unit]
-
-
-def exif_metadata(tags: dict[str, Any]) -> ImageMetadata:
-    """Exposure and original time from a page's Exif directory (Exif 2.3: `ExposureTime`,
-    `DateTimeOriginal`).
-    """
-    exposed = tags.get("ExposureTime")
-    taken = str(tags.get("DateTimeOriginal", "")).strip()
-    try:
-        exposed_s = exposed[0] / exposed[1] if isinstance(exposed, tuple) else exposed
-        parts = str(tags.get("SubsecTimeOriginal", "")).strip("\0 ")
-        within_s = float(f"0.{parts}") if parts else 0.0
-        moment = datetime.strptime(taken, "%Y:%m:%d %H:%M:%S") if taken else None
-    except (ValueError, ZeroDivisionError, IndexError):
-        return ImageMetadata()
-    time_s = None if moment is None else moment.replace(tzinfo=UTC).timestamp() + within_s
-    return ImageMetadata(time_s, None if exposed_s is None else float(exposed_s))
 
 
 def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

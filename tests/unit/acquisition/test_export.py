@@ -1,4 +1,4 @@
-"""Exports, read back with programs that are not ours: ome-types, tifffile, h5py, nexusformat."""
+"""Exports, read back with programs that are not ours: h5py, nexusformat."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
 from click.testing import CliRunner
 
 from cldit.acquisition import Acquisition, Plan, acquire, open_acquisition
@@ -28,34 +27,6 @@ def recorded(
     plan = tiny_plan.model_copy(update={"frames": request.param})
     acquire(open_rig(tiny_rig), plan, tmp_path / "a run")
     return open_acquisition(tmp_path / "a run")
-
-
-def test_ome_tiff(recorded: Acquisition) -> None:
-    """A series for each background and kind: pixels bit by bit, sizes, times and exposure."""
-    ome_types = pytest.importorskip("ome_types", reason="ome-types is missing")
-    path = export(recorded, "ome-tiff")
-    assert path == recorded.folder / "a run.ome.tif"
-    ome = ome_types.from_tiff(path)
-    names = [image.name for image in ome.images]
-    assert names == [f"{t:g} K {k}" for t in (440.0, 480.0) for k in ("reference", "injection")]
-    frames = recorded.plan.frames
-    with tifffile.TiffFile(path) as tiff:
-        assert tiff.is_ome and len(tiff.series) == 4
-        for image, series, name in zip(ome.images, tiff.series, names, strict=True):
-            shots = [s for s in recorded.shots if f"{s.background_setpoint_K:g} K {s.kind}" == name]
-            pixels = image.pixels
-            assert pixels.size_t == len(shots) * frames and pixels.type.value == "uint16"
-            assert (pixels.size_x, pixels.size_y) == (16, 12)
-            assert pixels.physical_size_x == pytest.approx(10.0)
-            assert pixels.physical_size_x_unit.value == "mm"
-            assert pixels.planes[0].exposure_time == pytest.approx(25e-6)
-            times = [plane.delta_t for plane in pixels.planes]
-            assert times == sorted(times) and times[0] == 0.0 < times[-1]
-            stack = np.concatenate([recorded.load_frames(shot)[0] for shot in shots])
-            assert np.array_equal(series.asarray().reshape(stack.shape), stack)
-    notes = [dict(note.value) for note in ome.structured_annotations]
-    assert [note["kind"] for note in notes] == [name.split()[-1] for name in names]
-    assert json.loads(notes[0]["calibration"])["filter_um"] == [3.3, 3.5]
 
 
 def test_nexus(recorded: Acquisition) -> None:
@@ -88,20 +59,19 @@ def test_export_says_what_is_wrong(
     """A damaged image leaves no file; and what is missing is said."""
     acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "none", should_stop=lambda: True)
     with pytest.raises(ExportError, match="no images yet"):
-        export(open_acquisition(tmp_path / "none"), "ome-tiff")
-    with pytest.raises(ExportError, match="allowed: ome-tiff, nexus"):
+        export(open_acquisition(tmp_path / "none"), "nexus")
+    with pytest.raises(ExportError, match="allowed: nexus"):
         export(open_acquisition(tmp_path / "none"), "png")
     acquisition = open_acquisition(folder)
     for shot in acquisition.shots[-1:]:
         data = bytearray(shot.path.read_bytes())
         data[-20] ^= 1
         shot.path.write_bytes(data)
-    for form in ("ome-tiff", "nexus"):
-        with pytest.raises(RunFolderError, match="not those that were recorded"):
-            export(acquisition, form, tmp_path / "out")
+    with pytest.raises(RunFolderError, match="not those that were recorded"):
+        export(acquisition, "nexus", tmp_path / "out")
     assert not list(tmp_path.glob("out*"))
     acquisition.shots[-1].path.unlink()
-    arguments = ["export", str(folder), "--to", "ome-tiff", "--out", str(tmp_path / "x")]
+    arguments = ["export", str(folder), "--to", "nexus", "--out", str(tmp_path / "x")]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0 and "1 shots are still missing" in result.output
     assert (tmp_path / "x").is_file()
@@ -150,12 +120,11 @@ def test_hcc_that_is_no_use(tmp_path: Path) -> None:
             open_stack(Source(tmp_path / name))
 
 
-@pytest.mark.parametrize("form", ["nexus", "ome-tiff"])
-def test_full_disk(recorded: Acquisition, tmp_path: Path, form: str) -> None:
+def test_full_disk(recorded: Acquisition, tmp_path: Path) -> None:
     """HDF5 that cannot write its last bytes would end the process; nothing is left of the file."""
     target = tmp_path / "out" / "run"
     for most_bytes in (0, 100, 3000, 5000):
         with full_disk(most_bytes=most_bytes), pytest.raises(DiskFull, match="run: the disk is"):
-            export(recorded, form, target)
+            export(recorded, "nexus", target)
         assert list(target.parent.iterdir()) == []
-    assert export(recorded, form, target) == target
+    assert export(recorded, "nexus", target) == target

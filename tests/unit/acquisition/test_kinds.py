@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import struct
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
@@ -35,31 +34,6 @@ def notes(source: Source) -> str:
 
 def _btf(path: Path) -> None:
     tifffile.imwrite(path, IMAGES, bigtiff=True, metadata=None)
-
-
-def _lsm(path: Path) -> None:
-    """Each image is followed by its thumbnail (tag 254), as in Zeiss' LSM."""
-    with tifffile.TiffWriter(path) as file:
-        for image in IMAGES:
-            file.write(image, metadata=None, photometric="minisblack")
-            file.write(np.zeros((2, 2), np.uint8), metadata=None, subfiletype=1)
-
-
-def _stk(path: Path) -> None:
-    """One directory, all planes one behind another; UIC tags count them (MetaMorph's STK)."""
-    count, rows, columns = IMAGES.shape
-    entries = [
-        (256, 4, 1, columns), (257, 4, 1, rows), (258, 3, 1, 16), (259, 3, 1, 1), (262, 3, 1, 1),
-        (273, 4, 1, 0), (277, 3, 1, 1), (278, 4, 1, rows), (279, 4, 1, 2 * rows * columns),
-        (33628, 4, 1, 0), (33629, 5, count, 0),
-    ]  # fmt: skip
-    end = 8 + 2 + 12 * len(entries) + 4
-    uic1, uic2 = struct.pack("<II", 0, 0), struct.pack("<6I", 0, 1, 2451545, 0, 2451545, 0) * count
-    places = {33628: end, 33629: end + len(uic1), 273: end + len(uic1) + len(uic2)}
-    data = struct.pack("<2sHIH", b"II", 42, 8, len(entries))
-    for tag, kind, number, value in entries:
-        data += struct.pack("<HHII", tag, kind, number, places.get(tag, value))
-    path.write_bytes(data + bytes(4) + uic1 + uic2 + IMAGES.astype("<u2").tobytes())
 
 
 def _netcdf4(path: Path) -> None:
@@ -110,21 +84,6 @@ def _zarr(path: Path) -> None:
         array[...] = data
 
 
-def _fits(path: Path) -> None:
-    fits = pytest.importorskip("astropy.io.fits")
-    units = [fits.PrimaryHDU(), fits.ImageHDU(IMAGES[:, ::-1], name="COUNTS")]
-    units[1].header["ROWORDER"] = "BOTTOM-UP"
-    fits.HDUList(units).writeto(path)
-
-
-def _tdms(path: Path) -> None:
-    nptdms = pytest.importorskip("nptdms")
-    size = {"width": 7, "height": 5}
-    with nptdms.TdmsWriter(path) as file:
-        group = nptdms.GroupObject("camera", properties=size)
-        file.write_segment([group, nptdms.ChannelObject("camera", "counts", IMAGES.ravel())])
-
-
 def _named_dimensions(path: Path) -> None:
     """As xarray writes an array with the dimensions y, x and time."""
     h5py = pytest.importorskip("h5py")
@@ -147,10 +106,9 @@ def _named_variables(path: Path) -> None:
 
 
 WRITERS: list[tuple[str, Callable[[Path], None]]] = [
-    ("a.btf", _btf), ("a.lsm", _lsm), ("a.stk", _stk), ("a.nc", _netcdf4), ("b.nc", _netcdf3),
+    ("a.btf", _btf), ("a.nc", _netcdf4), ("b.nc", _netcdf3),
     ("c.nc", _packed), ("d.nc", _named_dimensions), ("e.nc", _named_variables),
     ("a.mat", _matlab5), ("b.mat", _matlab7), ("a.zarr", _zarr),
-    ("a.fits", _fits), ("a.tdms", _tdms),
 ]  # fmt: skip
 
 
@@ -188,16 +146,14 @@ def test_the_order_of_matlabs_axes_is_reported_and_can_be_given(
 
 @pytest.mark.parametrize(
     ("ending", "package", "name"),
-    [("fits", "astropy", "astropy"), ("tdms", "nptdms", "npTDMS"), ("zarr", "zarr", "zarr"),
-     ("h5", "h5py", "h5py")],
+    [("zarr", "zarr", "zarr"), ("h5", "h5py", "h5py")],
 )  # fmt: skip
 def test_a_missing_package_is_named_with_the_line_that_installs_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, package: str, name: str
 ) -> None:
     import sys
 
-    for module in (package, f"{package}.io", f"{package}.io.fits"):
-        monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, package, None)
     (tmp_path / f"a.{ending}").write_bytes(b"x")
     with pytest.raises(EvaluationError, match=rf'needs {package}; .*pip install "{name}>='):
         open_stack(Source(tmp_path / f"a.{ending}"))
@@ -273,27 +229,6 @@ def test_a_read_that_fails_after_opening_names_the_file(
     else:  # they are in memory
         np.testing.assert_array_equal(images, IMAGES)
     reader.close()
-
-
-def test_tdms_by_groups_of_channels_and_its_size(tmp_path: Path) -> None:
-    nptdms = pytest.importorskip("nptdms")
-    path = tmp_path / "a.tdms"
-    with nptdms.TdmsWriter(path) as file:
-        channels = [nptdms.ChannelObject("film", f"{n}", image.ravel())
-                    for n, image in enumerate(IMAGES)]  # fmt: skip
-        size = nptdms.GroupObject("film", properties={"Columns": 7, "Rows": 5})
-        log = nptdms.ChannelObject("log", "bb", np.array([413.0, 413.1]))
-        file.write_segment([size, *channels, log])
-    np.testing.assert_array_equal(read_all(Source(path, "/film")), IMAGES)
-    np.testing.assert_array_equal(read_all(Source(path, "/film/3")), IMAGES[3:4])
-    assert read_numbers(tmp_path, "a.tdms::/log/bb", column="") == [413.0, 413.1]
-    for dataset, message in (
-        ("/log/bb", "no size of its images in the properties .*width, columns"),
-        ("/dark", "no such data set; the file has /film, /log"),
-        ("", "name the data set too, .*; the file has /film, /log"),
-    ):
-        with pytest.raises(EvaluationError, match=message):
-            open_stack(Source(path, dataset))
 
 
 def _lines(between: str, point: str, form: str = "{:.2f}") -> list[str]:

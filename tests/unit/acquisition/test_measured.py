@@ -228,125 +228,86 @@ def test_names_are_sorted_by_their_numbers_and_may_have_brackets(tmp_path: Path)
     assert "names by their numbers: references_9.tif before references_10.tif" in found.found()
 
 
-def _only_one(data: dict[str, Any], folder: Path) -> str:
-    data["backgrounds"] = data["backgrounds"][:1]
-    return r"\[413.0\] K; the evaluation needs at least two"
-
-
-def _equal(data: dict[str, Any], folder: Path) -> str:
-    data["backgrounds"][1]["temperature_K"] = 413.0
-    return "413 K is given twice"
-
-
-def _too_near(data: dict[str, Any], folder: Path) -> str:
-    for number, background in enumerate(data["backgrounds"]):
-        background["temperature_K"] = 5.0 + 1e-9 * number
-    return "give the same radiance"
-
-
-def _swapped(data: dict[str, Any], folder: Path) -> str:
-    for background in data["backgrounds"]:
+def _swap(*backgrounds: dict[str, Any]) -> None:
+    for background in backgrounds:
         kinds = background["injections"], background["references"]
         background["references"], background["injections"] = kinds
-    return "swapped"
 
 
-def _swapped_once(data: dict[str, Any], folder: Path) -> str:
-    last = data["backgrounds"][-1]
-    last["references"], last["injections"] = last["injections"], last["references"]
-    return "background 493 K.*swapped"
+def _image(image: NDArray[Any], **options: Any) -> Callable[[list[dict[str, Any]], Path], object]:
+    """Another image among the references at 453 K."""
+    name = "453/references/002.tif"
+    return lambda backgrounds, folder: tifffile.imwrite(folder / name, image, **options)
 
 
-def _same_files(data: dict[str, Any], folder: Path) -> str:
-    data["backgrounds"][2]["injections"] = data["backgrounds"][2]["references"]
-    return "named as references at 493 K and as injections at 493 K"
+def _bytes(change: Callable[[bytes], bytes]) -> Callable[[list[dict[str, Any]], Path], object]:
+    """A damaged image among the references at 453 K."""
+    name = "453/references/002.tif"
+    return lambda backgrounds, folder: (folder / name).write_bytes(
+        change((folder / name).read_bytes())
+    )
 
 
-def _none_match(data: dict[str, Any], folder: Path) -> str:
-    data["backgrounds"][0]["injections"] = "413/injection/*.tif"
-    return r"injections at 413 K: no file matches 413/injection/\*.tif"
+def _kelvin(*kelvin: float) -> Callable[[list[dict[str, Any]], Path], object]:
+    return lambda backgrounds, folder: [
+        background.update(temperature_K=value)
+        for background, value in zip(backgrounds, kelvin, strict=True)
+    ]
 
 
-def _missing(data: dict[str, Any], folder: Path) -> str:
-    (folder / "453" / "injections" / "004.tif").unlink()
-    data["shots"] = SHOTS
-    return "injections at 453 K: 5 images, expected 6; shots are missing"
-
-
-def _wrong_size(data: dict[str, Any], folder: Path) -> str:
-    tifffile.imwrite(folder / "453" / "references" / "002.tif", np.zeros((16, 21), np.uint16))
-    return r"002.tif\[0\]: image of shape \(16, 21\); allowed: \(16, 20\)"
-
-
-def _damaged(data: dict[str, Any], folder: Path) -> str:
-    (folder / "453" / "references" / "002.tif").write_bytes(b"II*\0no image")
-    return "002.tif: cannot be read"
-
-
-def _cut_short(data: dict[str, Any], folder: Path) -> str:
-    path = folder / "453" / "references" / "002.tif"
-    path.write_bytes(path.read_bytes()[:-200])
-    return "002.tif"
-
-
-def _not_finite(data: dict[str, Any], folder: Path) -> str:
-    image = np.ones(EMISSIVITY.shape, np.float32)
-    image[0, 0] = np.nan
-    tifffile.imwrite(folder / "453" / "references" / "002.tif", image)
-    return "1 pixels are not finite"
-
-
-def _colour(data: dict[str, Any], folder: Path) -> str:
-    image = np.zeros((16, 20, 3), np.uint8)
-    tifffile.imwrite(folder / "453" / "references" / "002.tif", image, photometric="rgb")
-    return r"shape \(16, 20, 3\)"
-
-
-def _all_saturated(data: dict[str, Any], folder: Path) -> str:
-    data["sensor"]["saturation_counts"] = 250
-    return "saturated; it is ignored\nthe evaluation needs two backgrounds"
-
-
-def _other_mask(data: dict[str, Any], folder: Path) -> str:
-    tifffile.imwrite(folder / "bad.tif", np.zeros((8, 8), np.uint8))
-    data["bad_pixels"] = "bad.tif"
-    return r"bad_pixels: bad.tif has shape \(8, 8\); allowed: \(16, 20\), that of .*/000.tif\[0\]"
-
-
-def _other_ending(data: dict[str, Any], folder: Path) -> str:
-    (folder / "video.avi").write_bytes(b"RIFF")
-    data["backgrounds"][0]["references"] = "video.avi"
-    return r"\.avi is a film of a display; .*allowed: .*\.tif"
-
-
-def _one_reference(data: dict[str, Any], folder: Path) -> str:
-    for background in data["backgrounds"]:
-        background["references"] = background["references"].replace("*", "000")
-    return "one reference per background"
-
-
-def _upside_down(data: dict[str, Any], folder: Path) -> str:
-    for background, kelvin in zip(data["backgrounds"], reversed(BACKGROUNDS), strict=True):
-        background["temperature_K"] = kelvin
-    return "they fall where the background is hotter"
+NOT_FINITE = np.where(np.arange(320).reshape(16, 20) == 0, np.nan, 1.0).astype(np.float32)
 
 
 @pytest.mark.parametrize(
-    "spoil",
+    ("spoil", "message"),
     [
-        _only_one, _equal, _too_near, _swapped, _swapped_once, _same_files, _none_match, _missing,
-        _wrong_size, _damaged, _cut_short, _not_finite, _colour, _all_saturated, _other_mask,
-        _other_ending,
-        _one_reference, _upside_down,
+        (
+            lambda b, f: (b.pop(), b.pop()),
+            r"\[413.0\] K; the evaluation needs at least two",
+        ),
+        (_kelvin(5.0, 5.0 + 1e-9, 5.0 + 2e-9), "give the same radiance"),
+        (_kelvin(*BACKGROUNDS[::-1]), "they fall where the background is hotter"),
+        (lambda b, f: _swap(*b), "swapped"),
+        (lambda b, f: _swap(b[-1]), "background 493 K.*swapped"),
+        (
+            lambda b, f: b[2].update(injections=b[2]["references"]),
+            "named as references at 493 K and as injections at 493 K",
+        ),
+        (
+            _image(np.zeros((16, 21), np.uint16)),
+            r"002.tif\[0\]: image of shape \(16, 21\); allowed: \(16, 20\)",
+        ),
+        (_bytes(lambda data: b"II*\0no image"), "002.tif: cannot be read"),
+        (_bytes(lambda data: data[:-200]), "002.tif"),
+        (_image(NOT_FINITE), "1 pixels are not finite"),
+        (_image(np.zeros((16, 20, 3), np.uint8), photometric="rgb"), r"shape \(16, 20, 3\)"),
+        (
+            lambda b, f: [x.update(references=x["references"].replace("*", "000")) for x in b],
+            "one reference per background",
+        ),
     ],
-)  # fmt: skip
-def test_bad_data_is_named(tiffs: Path, spoil: Callable[[dict[str, Any], Path], str]) -> None:
+)
+def test_bad_images_are_named(
+    tiffs: Path, spoil: Callable[[list[dict[str, Any]], Path], object], message: str
+) -> None:
     data = _data(tiffs)
-    message = spoil(data, tiffs)
+    spoil(data["backgrounds"], tiffs)
     _write(tiffs, data)
     with pytest.raises(EvaluationError, match=message):
         evaluate_folder(tiffs)
     assert not (tiffs / "maps").exists()
+
+
+def test_saturated_images_and_a_mask_of_another_size_are_named(tiffs: Path) -> None:
+    data = _data(tiffs)
+    data["sensor"]["saturation_counts"] = 250
+    _write(tiffs, data)
+    with pytest.raises(EvaluationError, match="saturated; it is ignored\nthe evaluation needs two"):
+        evaluate_folder(tiffs)
+    tifffile.imwrite(tiffs / "bad.tif", np.zeros((8, 8), np.uint8))
+    _write(tiffs, {**data, "bad_pixels": "bad.tif"})
+    with pytest.raises(EvaluationError, match=r"bad_pixels: bad.tif has shape \(8, 8\); allowed: "):
+        evaluate_folder(tiffs)
 
 
 def test_wrong_keys_are_named(tiffs: Path) -> None:

@@ -14,14 +14,13 @@ import yaml
 from click.testing import CliRunner
 
 from cldit.acquisition.measured import check_clock, open_measured
-from cldit.acquisition.pictures.hcc import Hcc
 from cldit.acquisition.pictures.hdf5 import Hdf5
 from cldit.acquisition.pictures.source import ImageMetadata, Source, moment_s
-from cldit.acquisition.pictures.tiff import Tiff, exif_metadata
+from cldit.acquisition.pictures.tiff import Tiff
 from cldit.cli import main
 from cldit.errors import EvaluationError
 from tests.laboratory import Laboratory, laboratory
-from tests.measured_files import read_all, write_measured
+from tests.measured_files import write_measured
 
 DATE = "2026-01-31T12:00:00"
 PICTURES = np.arange(3 * 4 * 5, dtype=np.uint16).reshape(3, 4, 5)
@@ -54,33 +53,6 @@ def test_the_date_of_a_tiff_is_that_of_the_file(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", PICTURES[0], datetime="2026:01:31 12:00:00")
     with closing(Tiff(Source(tmp_path / "a.tif"))) as opened:
         assert opened.metadata == () and opened.notes == ("file made 2026:01:31 12:00:00",)
-
-
-def test_exif() -> None:
-    tags = {
-        "ExposureTime": (1, 40000),
-        "DateTimeOriginal": "2026:01:31 12:00:00",
-        "SubsecTimeOriginal": "25",
-    }
-    assert exif_metadata(tags) == ImageMetadata(moment_s(DATE) + 0.25, 25e-6)
-    assert exif_metadata({"DateTimeOriginal": "yesterday"}) == ImageMetadata()
-    assert exif_metadata({}) == ImageMetadata()
-
-
-def test_a_telops_film(tmp_path: Path) -> None:
-    fasthcc = pytest.importorskip("fasthcc")
-    headers = [
-        {"FrameID": n, "ExposureTime": 25.0, "POSIXTime": 1_769_860_800 + n, "SubSecondTime": 5 * n}
-        for n in range(3)
-    ]
-    pictures = np.arange(3 * 4 * 64, dtype=np.uint16).reshape(3, 4, 64)
-    fasthcc.write_hcc(tmp_path / "a.hcc", pictures, metadata=headers, calibration_mode=0)
-    np.testing.assert_array_equal(read_all(Source(tmp_path / "a.hcc")), pictures)
-    with closing(Hcc(Source(tmp_path / "a.hcc"))) as opened:
-        told = opened.metadata
-    assert told[0].time_s == 1_769_860_800.0
-    assert told[0].integration_time_s == pytest.approx(25e-6)
-    assert told[2].time_s == pytest.approx(1_769_860_802.000001, abs=3e-7)
 
 
 def test_nexus(tmp_path: Path) -> None:
