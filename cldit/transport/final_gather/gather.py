@@ -106,23 +106,25 @@ class Gather:
         samples = np.full(count, first.samples)  # of either half, in each of a pixel's rays
         while True:
             means = sums / samples
-            wanted = self._wanted(means, samples, tiles, group, segments)
-            if np.array_equal(wanted, samples):
+            next_samples = self._next_samples(means, samples, tiles, group, segments)
+            if np.array_equal(next_samples, samples):
                 break
             # Pixels with equal numbers of paths continue with the same points.
-            for pair in np.unique((samples << 32 | wanted)[wanted > samples]):
+            for pair in np.unique((samples << 32 | next_samples)[next_samples > samples]):
                 had, goal = divmod(int(pair), 1 << 32)
-                continued = tile_order[(samples[tile_order] == had) & (wanted[tile_order] == goal)]
+                continued = tile_order[
+                    (samples[tile_order] == had) & (next_samples[tile_order] == goal)
+                ]
                 next_round = ChosenRays(continued, across, first.offset, goal - had)
                 [(added, crossed)] = self.sampler.means(paths, [next_round], had)
                 sums[:, :, continued] += (goal - had) * added
                 segments += crossed
-            samples = wanted
+            samples = next_samples
         self._spent, self._rays = self._spent + segments, self._rays + count * across**2
         self.samples = self.samples or int(2 * samples.mean() * across**2)
         return np.asarray(means)
 
-    def _wanted(
+    def _next_samples(
         self, means: Floats, samples: Ints, tiles: Ints, group: ThickPixels, segments: float
     ) -> Ints:
         """Samples (N,) of each pixel after the next round; those so far if there is none.
@@ -141,10 +143,13 @@ class Gather:
         limit = np.minimum(tuning.growth * samples, max_samples // (2 * across**2))
         longest = segments / samples.sum()  # mean number in a path of either half
         allowed_samples = (tuning.path_segments - self._spent) / max(longest, 1.0)
-        wanted = np.maximum(np.minimum(ideal, limit), samples)
-        while wanted.sum() > allowed_samples and not np.array_equal(wanted, samples):
-            wanted = np.maximum(wanted // 2, samples)
-        if np.array_equal(wanted, samples) or 2.0 * across**2 * wanted.sum() > tuning.paths:
+        next_samples = np.maximum(np.minimum(ideal, limit), samples)
+        while next_samples.sum() > allowed_samples and not np.array_equal(next_samples, samples):
+            next_samples = np.maximum(next_samples // 2, samples)
+        if (
+            np.array_equal(next_samples, samples)
+            or 2.0 * across**2 * next_samples.sum() > tuning.paths
+        ):
             noise_K = float(np.sqrt(energy.sum() / visible))
             self.short = (
                 f"paths in thick cells: stopped at {max_samples} samples per pixel, or in "
@@ -154,7 +159,7 @@ class Gather:
                 "increase transport.max_samples or transport.accuracy_K"
             )
             return samples
-        return wanted
+        return next_samples
 
     def _energy(self, means: Floats, tiles: Ints, group: ThickPixels) -> tuple[Floats, int]:
         """Sum (T,) of each tile's squared errors of T_app, and the number of visible pixels.
@@ -168,13 +173,13 @@ class Gather:
         on_background = view.on_background(group.pixels)
         mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
         weights = group.seen + mean[:-1]
-        own, bright = (
+        of_scene, of_bright = (
             on_background
             * np.nan_to_num(temperature.error_K(weights, difference[:-1], outside=outside))
             for outside in (None, 0.5 * cells.hottest)
         )
         noise_bright = self._settings.tuning.noise_bright
-        error_K = np.maximum(np.abs(own), np.abs(bright) / noise_bright)
+        error_K = np.maximum(np.abs(of_scene), np.abs(of_bright) / noise_bright)
         counted = on_background & (1 - weights[0] > temperature.visible)
         visible = max(int(np.count_nonzero(counted)) + group.other_visible, 1)
         return np.bincount(tiles, error_K**2).astype(np.float64), visible

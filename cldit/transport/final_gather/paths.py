@@ -92,17 +92,17 @@ class GatherPaths:
 
 
 def _path_ends(cutoff: float, settings: TraceSettings, *, diffusive: bool) -> dict[str, Any]:
-    """Where paths and their segments end, as kernel arguments.
+    """Kernel arguments that tell where paths and their segments end.
 
     Sweeps do not have the diffusion limit in thick cells. So paths in `diffusive` ones continue
     until hardly any of their weight is left for the sweeps' sources.
     """
     tuning = settings.tuning
-    least = max(cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
+    transmission = max(cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
     return {
         "most_segments": tuning.diffuse_segments if diffusive else tuning.segments,
         "end_weight": tuning.diffuse_end_weight if diffusive else tuning.end_weight,
-        "least_transmission": cutoff if diffusive else least,
+        "least_transmission": cutoff if diffusive else transmission,
     }
 
 
