@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.dit.fit import (
-    CommonError,
     Pair,
-    SteadyError,
+    SharedError,
     apparent_radiance,
     emissivity,
     emissivity_gradient,
@@ -315,14 +314,7 @@ class _Fit:
             ),
             variance=self._variance([noise[0] + scatter[0], noise[1] + scatter[1]]),
             usable=self.usable,
-            common=self._common(line, factors),
-            steady=[
-                SteadyError(
-                    reference=np.sum([mode[:, None] * p for mode, _, (p, _) in parts], axis=0),
-                    injection=np.sum([mode[:, None] * q for _, mode, (_, q) in parts], axis=0),
-                )
-                for parts in _modes(self.drifts, factors)
-            ],
+            errors=[*self._common(line, factors), *_steady(self.drifts, factors)],
             with_shared=with_shared,
         )
 
@@ -361,37 +353,34 @@ class _Fit:
                 scatter[kind] = scatter[kind] + drift.jitter[:, None] * factor**2
         return scatter
 
-    def _common(self, line: _ByKind, factors: Sequence[_ByKind]) -> list[CommonError]:
+    def _common(self, line: _ByKind, factors: Sequence[_ByKind]) -> list[SharedError]:
         """Errors that both kinds share, independent at each background."""
         ones = np.ones(self.usable.shape[1])
         return [
-            CommonError(variance=drift.variance, reference=p, injection=q)
+            SharedError(variance=drift.variance, reference=p, injection=q)
             for drift, (p, q) in zip(self.drifts, factors, strict=True)
         ] + [
-            CommonError(variance=self._flat(self.extra[name]), reference=p, injection=q)
+            SharedError(variance=self._flat(self.extra[name]), reference=p, injection=q)
             for name, (p, q) in (("offset", (ones, ones)), ("gain", line))
             if name in self.extra
         ]
 
 
-def _modes(
-    drifts: Sequence[Drift], factors: Sequence[_ByKind]
-) -> list[list[tuple[Floats, Floats, _ByKind]]]:
-    """Courses (K,) in both kinds and their factors, by mode and cause."""
-    steady = [
-        (drift.modes, drift.modes + (0.0 if drift.excess is None else drift.excess), by_kind)
-        for drift, by_kind in zip(drifts, factors, strict=True)
-        if drift.modes.any()
-    ]
-    count = max((len(reference) for reference, _, _ in steady), default=0)
-    return [
-        [
-            (reference[m], injection[m], by_kind)
-            for reference, injection, by_kind in steady
-            if m < len(reference)
-        ]
-        for m in range(count)
-    ]
+def _steady(drifts: Sequence[Drift], factors: Sequence[_ByKind]) -> list[SharedError]:
+    """Steady drifts: an error for each mode, with the parts of all causes."""
+    errors: list[SharedError] = []
+    for mode in range(max((len(d.modes) for d in drifts if d.modes.any()), default=0)):
+        reference, injection = [], []
+        for drift, (p, q) in zip(drifts, factors, strict=True):
+            if drift.modes.any() and mode < len(drift.modes):
+                course = drift.modes[mode]
+                excess = 0.0 if drift.excess is None else drift.excess[mode]
+                reference.append(course[:, None] * p)
+                injection.append((course + excess)[:, None] * q)
+        errors.append(
+            SharedError(reference=np.sum(reference, axis=0), injection=np.sum(injection, axis=0))
+        )
+    return errors
 
 
 def _maps(

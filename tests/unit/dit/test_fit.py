@@ -11,9 +11,8 @@ from scipy.linalg import cholesky, inv, lstsq, solve_triangular
 from scipy.optimize import curve_fit
 
 from cldit.dit.fit import (
-    CommonError,
     Pair,
-    SteadyError,
+    SharedError,
     apparent_radiance,
     emissivity,
     fit_pair,
@@ -37,7 +36,7 @@ def _fit(
         (reference, during),
         variance=variance,
         usable=np.ones(reference.shape, bool),
-        common=() if shared is None else [CommonError(variance=shared, reference=g, injection=s)],
+        errors=() if shared is None else [SharedError(variance=shared, reference=g, injection=s)],
     )
 
 
@@ -112,16 +111,16 @@ def test_several_common_errors_are_generalised_least_squares() -> None:
     g, s = np.array([0.97]), np.array([0.31])
     ones = np.ones(1)
     common = [
-        CommonError(variance=np.full(5, 0.03), reference=g, injection=s),
-        CommonError(variance=np.full(5, 200.0), reference=ones, injection=ones),
-        CommonError(variance=np.linspace(1e-4, 4e-4, 5), reference=reference, injection=during),
+        SharedError(variance=np.full(5, 0.03), reference=g, injection=s),
+        SharedError(variance=np.full(5, 200.0), reference=ones, injection=ones),
+        SharedError(variance=np.linspace(1e-4, 4e-4, 5), reference=reference, injection=during),
     ]
     lines = fit_pair(
         (X, X),
         (reference, during),
         variance=variance,
         usable=np.ones((5, 1), bool),
-        common=common,
+        errors=common,
     )
     covariance = np.diag(np.concatenate(variance)[:, 0])
     for number in range(5):
@@ -135,15 +134,15 @@ def test_several_common_errors_are_generalised_least_squares() -> None:
     _check_generalised(lines, 0, covariance, (reference, during), rtol=1e-7)
 
 
-def _steady(pixels: int) -> list[SteadyError]:
+def _steady(pixels: int) -> list[SharedError]:
     """Two errors with a course over the backgrounds: an offset, and a gain that goes with it."""
     way = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])[:, None] * np.ones(pixels)
     line = X[:, None]
     return [
-        SteadyError(
+        SharedError(
             reference=way * (0.3 + 0.1 * (line + 0.5)), injection=way * (0.3 + 0.1 * (0.3 * line))
         ),
-        SteadyError(reference=0.05 * way, injection=0.05 * way),
+        SharedError(reference=0.05 * way, injection=0.05 * way),
     ]
 
 
@@ -151,14 +150,13 @@ def _steady(pixels: int) -> list[SteadyError]:
 def test_steady_errors_are_generalised_least_squares(with_common: bool) -> None:
     """Against scipy, with u u' of either steady error in the whole 10 x 10 covariance."""
     reference, during, variance = _noisy()
-    shared = CommonError(variance=np.full(5, 0.03), reference=np.ones(7), injection=np.ones(7))
+    shared = SharedError(variance=np.full(5, 0.03), reference=np.ones(7), injection=np.ones(7))
     lines = fit_pair(
         (X, X),
         (reference, during),
         variance=variance,
         usable=np.ones((5, 7), bool),
-        common=[shared] if with_common else [],
-        steady=_steady(7),
+        errors=[*([shared] if with_common else []), *_steady(7)],
     )
     for pixel in range(7):
         covariance = np.diag(np.concatenate(variance)[:, pixel])
@@ -186,7 +184,7 @@ def test_a_steady_error_of_size_one_has_the_stated_mean_squares() -> None:
         ),
         variance=(variance, variance),
         usable=np.ones((5, pixels), bool),
-        steady=[drift],
+        errors=[drift],
     )
     stated = np.diagonal(lines.covariance, axis1=1, axis2=2).mean(axis=0)
     mean_squares = np.mean((lines.values - truth) ** 2, axis=0)
@@ -198,14 +196,14 @@ def test_an_offset_of_the_camera_leaves_the_fit_of_the_difference() -> None:
     reference, during, (variance, _) = _noisy()
     ones = np.ones(7)
     offset = 50.0 * np.array([0.0, 1.0, 2.0, 3.0, 4.0])[:, None]
-    error = CommonError(variance=np.full(5, 1e4), reference=ones, injection=ones)
+    error = SharedError(variance=np.full(5, 1e4), reference=ones, injection=ones)
     fits = [
         fit_pair(
             (X, X),
             (reference + shift, during + shift),
             variance=(variance, variance),
             usable=np.ones((5, 7), bool),
-            common=[error],
+            errors=[error],
         )
         for shift in (0.0, offset)
     ]
