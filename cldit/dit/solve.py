@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -37,24 +37,28 @@ Cause = Literal["black body", "offset", "gain", "curvature", "amount"]
 class Drift:
     """An error that references and injections of a background share, or all pixels of injections.
 
+    It is a term of the fit. Parts of shape (1,) or (1, 1) are 0.
+
     cause: black body, camera's offset, gain or curvature, with the factors slope, 1, signal and
         signal^2, or the amount of spray, of injections alone.
     variance: (K,) of the mean at each background, independent; radiance^2, for the gain relative.
     modes: (M, K) of a steady drift, in the root of these units: each mode is one random number of
         variance 1 for all backgrounds and causes. excess: (M, K) by how much larger it is in
-        the injections; None: equal. course: (K,) of that drift, as estimated.
+        the injections; None: equal. rate: (K,) of that drift per interval of the axis. course: (K,)
+        of it in the references' means.
     scatter: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
         between successive exposures; the slow rest cancels if the kinds alternate.
     band: share of the filter in which the spray absorbs, of an amount.
     """
 
     cause: Cause
-    variance: Floats
-    modes: Floats
-    course: Floats
-    scatter: Floats
-    jitter: Floats
+    variance: Floats = field(default_factory=partial(np.zeros, 1))
+    modes: Floats = field(default_factory=partial(np.zeros, (1, 1)))
     excess: Floats | None = None
+    rate: Floats = field(default_factory=partial(np.zeros, 1))
+    course: Floats = field(default_factory=partial(np.zeros, 1))
+    scatter: Floats = field(default_factory=partial(np.zeros, 1))
+    jitter: Floats = field(default_factory=partial(np.zeros, 1))
     band: float = 1.0
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:

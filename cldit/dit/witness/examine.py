@@ -95,9 +95,9 @@ def examine(
     stated_K2 = _stated_K2(stated_drifts, evidence)
     stated_K = np.sqrt(stated_K2)
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
-    common = drift.find(evidence, off, stated_K=stated_K)
-    if common.cause and lined.stands_out and not lined.severe:
-        lined = replace(lined, says=f"{lined.says}, {common.cause}")
+    drifts, cause, through = drift.find(evidence, off, stated_K=stated_K)
+    if cause and lined.stands_out and not lined.severe:
+        lined = replace(lined, says=f"{lined.says}, {cause}")
     if unfitted is not None:
         lined = backgrounds.fitted_over(seen_as(unfitted), lined, stated_K=stated_K)
     between, systematic = kinds(evidence)
@@ -113,7 +113,7 @@ def examine(
         spray = np.array([widened.get(k, np.zeros(sees.shape)) for k in setpoints]) / scale**2
         extra["injection"] = np.maximum(spray, extra.get("injection", 0.0))
     conditional = (lying, renewed.witness, levels(evidence))
-    amount = _amount(evidence, sums, setpoints, scale=scale, drifting=bool(common.drifts))
+    amount = _amount(evidence, sums, setpoints, scale=scale, drifting=bool(drifts))
     return Examined(
         witnesses=(
             lined,
@@ -122,15 +122,15 @@ def examine(
             moved,
             *(witness for witness in conditional if witness is not None),
         ),
-        drifts=(*stated_drifts, *common.drifts, *amount),
+        drifts=(*stated_drifts, *drifts, *amount),
         systematic=replace(
             systematic,
             extra=extra,
             pixel_offset=renewed.offset_counts / scale,
             pixel_gain=renewed.gain,
         ),
-        terms=terms(evidence, stated=stated_drifts, estimated=common.drifts),
-        through=common.through,
+        terms=terms(evidence, stated=stated_drifts, estimated=drifts),
+        through=through,
     )
 
 
@@ -188,8 +188,7 @@ def _amount(
     if not variance > 0.0:
         return ()
     variances, scatter = variance / evidence.number("injection"), amounts[band].shot_variance
-    none = np.zeros(len(setpoints))
-    return (drift.still("amount", none, variance=variances, scatter=scatter, band=band),)
+    return (Drift(cause="amount", variance=variances, scatter=scatter, band=band),)
 
 
 def stated(
@@ -214,7 +213,7 @@ def stated(
         "gain": none + surroundings.camera_gain_error**2,
     }
     return tuple(
-        drift.still(cause, none, variance=variance)
+        Drift(cause=cause, variance=variance)
         for cause, variance in variances.items()
         if variance.any()
     )
