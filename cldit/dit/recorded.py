@@ -20,7 +20,7 @@ from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
 from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, exclude, ignore_saturated
-from cldit.dit.solve import KINDS, Signals, Solution, solve
+from cldit.dit.solve import KINDS, Signals, solve
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
 from cldit.dit.witness.levels import brightness
@@ -343,9 +343,10 @@ def _solved(shots: _Shots, checked: _Checked) -> tuple[Maps, tuple[Part, ...], t
         )
 
     full = {setpoint: shots.full(setpoint) for setpoint in setpoints}
-    parts: list[Solution] = []
+    parts: list[Maps] = []
+    shared: list[Floats] = []
     for rows in blocks(full[setpoints[0]].shape, len(setpoints)):
-        part = solve(
+        part, changes = solve(
             signals("reference", rows),
             signals("injection", rows),
             usable=~np.stack([full[setpoint][rows] for setpoint in setpoints]),
@@ -353,16 +354,15 @@ def _solved(shots: _Shots, checked: _Checked) -> tuple[Maps, tuple[Part, ...], t
             drifts=examined.drifts,
             systematic=examined.systematic.rows(rows),
         )
-        reason = part.maps.reason
-        reason[reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
+        part.reason[part.reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
         parts.append(part)
-    maps = stack([solution.maps for solution in parts])
-    kelvin = np.concatenate([solution.shared_K for solution in parts], axis=1)
-    emissivity = np.concatenate([solution.shared_emissivity for solution in parts], axis=1)
+        shared.append(changes)
+    maps = stack(parts)
     degrees = tuple(
         group.spare(steady=steady, common_removed=common_removed) for group in injections
     )
-    return maps, common_parts(maps, kelvin, emissivity), degrees if all(degrees) else ()
+    common = common_parts(maps, *np.concatenate(shared, axis=2))
+    return maps, common, degrees if all(degrees) else ()
 
 
 def _without(maps: Maps, bad: Mask) -> Maps:

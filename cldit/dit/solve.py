@@ -164,17 +164,6 @@ class Signals:
     common_removed: bool = False
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Maps (...), and changes (M, ...) of T_app [K] and emissivity by one standard deviation of
-    each of M errors that all pixels have in common; the standard errors of the maps contain them.
-    """
-
-    maps: Maps
-    shared_K: Floats
-    shared_emissivity: Floats
-
-
 def solve(
     reference: Signals,
     injection: Signals,
@@ -184,8 +173,11 @@ def solve(
     drifts: Sequence[Drift] = (),
     systematic: Systematic | None = None,
     exact: bool = False,
-) -> Solution:
+) -> tuple[Maps, Floats]:
     """Maps of the pixels (...), and the errors that they have in common.
+
+    These are changes (2, M, ...) of T_app [K] and emissivity by one standard deviation of each of M
+    errors; the standard errors of the maps contain them.
 
     Standard errors include the camera's noise and, for injections, additional scatter between shots
     (`shot_scatter`, with two shots or more per background). References scatter by the camera's
@@ -227,21 +219,19 @@ def solve(
         least_visible=VISIBLE_EMISSIVITY if exact else np.inf,
         rounding=_ROUNDING * fit.largest_signal,
     )
-    return _with_common_errors(maps, lines, curve)
+    return maps, _common_errors(maps, lines, curve)
 
 
-def _with_common_errors(maps: Maps, lines: Pair, curve: Curve) -> Solution:
+def _common_errors(maps: Maps, lines: Pair, curve: Curve) -> Floats:
     shape = maps.reason.shape
     if lines.shared is None:
-        nothing = np.zeros((0, *shape))
-        return Solution(maps, nothing, nothing)
+        return np.zeros((2, 0, *shape))
     radiance = apparent_radiance(lines)[0]
     with np.errstate(invalid="ignore", over="ignore"):
         slope = curve.temperature_slope(np.where(maps.reason.ravel() == 0, radiance, np.nan))
         of_radiance = np.einsum("mni,ni->mn", lines.shared, radiance_gradient(lines))
         of_emissivity = np.einsum("mni,ni->mn", lines.shared, emissivity_gradient(lines))
-    images = (-1, *shape)
-    return Solution(maps, (of_radiance * slope).reshape(images), of_emissivity.reshape(images))
+    return np.stack([of_radiance * slope, of_emissivity]).reshape(2, -1, *shape)
 
 
 _ByKind = tuple[Floats, Floats]

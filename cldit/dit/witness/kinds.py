@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Mask
 from cldit.dit.hypotheses import Hypothesis, describe, fitted
 from cldit.dit.solve import KINDS, Systematic
 from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
@@ -31,20 +31,7 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     Returns the witness, and its contribution to the errors.
     """
     chosen = clearest(evidence)
-    gain = float(np.mean(evidence.gains("reference")[chosen]))
-    gain = gain if gain > 0.0 else 1.0
-    # Blocks are chosen by one half of the shots and compared in the other: otherwise those that are
-    # brighter by noise would be chosen.
-    halves = evidence.halves()
-    camera = evidence.camera["reference"] + evidence.camera["injection"]
-    blocks = 0.0 if halves else CHOSEN * camera[:, chosen].mean(axis=1)
-    pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
-    difference = np.mean([half.change[:, clearest(by)].mean(axis=1) for by, half in pairs], axis=0)
-    # Different readings of the background with either kind are part of the difference.
-    read_difference = evidence.source["injection"] - evidence.source["reference"]
-    seen = difference / gain - read_difference
-    variance = sum(evidence.variance(kind, chosen) for kind in KINDS) + blocks
-    noise = np.sqrt(variance / gain**2 + (FLOOR_K * evidence.rise) ** 2)
+    gain, seen, noise = _difference(evidence, chosen)
     x = evidence.source["reference"]
     unexplained = _beyond_spray(seen, x=x, noise=noise, warmest=evidence.warmest)
     degrees = evidence.degrees("reference") + evidence.degrees("injection")
@@ -69,16 +56,6 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
         )
         if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
             message += "; injections show more of the background: are the two kinds swapped?"
-    systematic = Systematic()
-    if beyond:
-        steep, start = np.polyfit(x / x.max(), evidence.rise, 1)
-        by_offset = best.column == "offset"
-        systematic = Systematic(
-            offset=best.size * gain if by_offset else 0.0,
-            kelvin=0.0 if by_offset else best.size,
-            slope=float(steep / x.max()),
-            start=float(start),
-        )
     witness = Witness(
         name="kinds",
         compared="injections against references in the pixels with the least spray",
@@ -90,7 +67,35 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
         stands_out=stands_out,
         severe=beyond and float(np.median(np.abs(shown_K))) > LIMIT_K,
     )
-    return witness, systematic
+    return witness, _systematic(evidence, best, gain=gain) if beyond else Systematic()
+
+
+def _difference(evidence: Evidence, chosen: Mask) -> tuple[float, Floats, Floats]:
+    """Gain of the `chosen` blocks (B,), and difference (K,) of injections from references in them
+    in radiance of the background, with its standard error."""
+    gain = float(np.mean(evidence.gains("reference")[chosen]))
+    gain = gain if gain > 0.0 else 1.0
+    # Blocks are chosen by one half of the shots and compared in the other: otherwise those that are
+    # brighter by noise would be chosen.
+    halves = evidence.halves()
+    camera = evidence.camera["reference"] + evidence.camera["injection"]
+    blocks = 0.0 if halves else CHOSEN * camera[:, chosen].mean(axis=1)
+    pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
+    difference = np.mean([half.change[:, clearest(by)].mean(axis=1) for by, half in pairs], axis=0)
+    # Different readings of the background with either kind are part of the difference.
+    read_difference = evidence.source["injection"] - evidence.source["reference"]
+    seen = difference / gain - read_difference
+    variance = sum(evidence.variance(kind, chosen) for kind in KINDS) + blocks
+    return gain, seen, np.sqrt(variance / gain**2 + (FLOOR_K * evidence.rise) ** 2)
+
+
+def _systematic(evidence: Evidence, cause: "_Cause", *, gain: float) -> Systematic:
+    """The error of an offset of the camera, or of the black body, of this size."""
+    if cause.column == "offset":
+        return Systematic(offset=cause.size * gain)
+    x = evidence.source["reference"]
+    steep, start = np.polyfit(x / x.max(), evidence.rise, 1)
+    return Systematic(kelvin=cause.size, slope=float(steep / x.max()), start=float(start))
 
 
 def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> Floats:

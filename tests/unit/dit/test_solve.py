@@ -32,7 +32,7 @@ def _maps(references: float, injections: float, residual: Floats | float = 0.0) 
         signals(0.4, 0.5, injections),
         usable=np.ones((3, 1, 1), bool),
         curve=Curve(filter_um=(3.3, 3.5)),
-    ).maps
+    )[0]
 
 
 @pytest.mark.parametrize(("references", "injections"), [(2.0, 32.0), (32.0, 2.0), (5.0, 5.0)])
