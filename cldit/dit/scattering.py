@@ -166,6 +166,23 @@ def _medium(
     )
 
 
+def fitted_shares(
+    maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, varied: set[str]
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """B(T_app) as a linear function of the L_j of `varied` parts: omega_j (J, H, W), the constant
+    (H, W), their gradients (J + 1, K) by the K radiances, and the errors (K, H, W) of these."""
+    names = [name for name in enclosures[0] if name in varied]
+    leaving = np.array([[radiances[name] for name in names] for radiances in enclosures])
+    scale = float(np.max(np.abs(leaving)))
+    radiance, errors = (
+        np.stack(images) for images in zip(*(apparent(m, curve) for m in maps), strict=True)
+    )
+    gradients = np.linalg.pinv(np.column_stack([leaving / scale, np.ones(len(maps))]))
+    values = np.tensordot(gradients, radiance, axes=1)
+    gradients = gradients / np.append(np.full(len(names), scale), 1.0)[:, None]
+    return values[:-1] / scale, values[-1], gradients, errors
+
+
 def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
     """Names of the parts whose light differs between enclosures."""
     names = list(enclosures[0])
@@ -203,20 +220,12 @@ def medium_of_enclosures(
             f"enclosures: {', '.join(sorted(fixed))} has one temperature only, so its scattered "
             "share is unknown; vary it too, or give a model"
         )
-    # B(T_app) is linear in the L_j: fit of the omega_j and the constant, with their gradients
-    names = list(enclosures[0])
-    leaving = np.array([[radiances[name] for name in names] for radiances in enclosures])
-    scale = float(np.max(np.abs(leaving)))
-    radiance, errors = (
-        np.stack(images) for images in zip(*(apparent(m, curve) for m in maps), strict=True)
-    )
-    gradients = np.linalg.pinv(np.column_stack([leaving / scale, np.ones(len(maps))]))
-    values = np.tensordot(gradients, radiance, axes=1)
-    share = (values[:-1] / scale).sum(axis=0)
-    of_share = (gradients[:-1] / scale).sum(axis=0)
+    shares, rest, gradients, errors = fitted_shares(maps, enclosures, curve, set(enclosures[0]))
+    share = shares.sum(axis=0)
+    of_share = gradients[:-1].sum(axis=0)
     emitted = 1.0 - share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = values[-1] / emitted
+        medium = rest / emitted
         # d medium / d radiance_k = (d rest + medium d share) / own
         change = gradients[-1][:, None, None] + medium * of_share[:, None, None]
         error = np.sqrt(np.sum((change * errors) ** 2, axis=0)) / emitted
