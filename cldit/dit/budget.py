@@ -33,8 +33,6 @@ from cldit.scene.vessel import Window
 
 PARTS = "budget"  # folder of the parts, in that of the maps
 COMMON = "common error"  # of all pixels
-_MOST = 6  # common errors
-_SEEN = 1.0  # their least chi-square in all pixels together: one standard deviation
 _SHARES = np.linspace(0.0, 1.0, 11)  # emissivities of the fits; between them, an error of f'' / 800
 
 
@@ -166,7 +164,7 @@ def common_parts(maps: Maps, kelvin: Floats, emissivity: Floats) -> tuple[Part, 
     """
     seen = np.nan_to_num(kelvin / maps.apparent_temperature_standard_error_K)
     size, turn = np.linalg.eigh(np.einsum("ahw,bhw->ab", seen, seen))
-    kept = [k for k in reversed(range(len(size))) if size[k] > _SEEN][:_MOST]
+    kept = [k for k in reversed(range(len(size))) if size[k] > 1.0]  # of one standard deviation
     return tuple(
         Part(
             name=f"{COMMON} {number}",

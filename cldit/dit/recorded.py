@@ -14,6 +14,7 @@ from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.dit.agreement import agreeing
 from cldit.dit.budget import Budget, Part, budget, common_parts, curve_boundary
 from cldit.dit.camera_of_shots import completed, defective, seeing, stated_saturation
+from cldit.dit.chance import FEW, IMPROBABLE
 from cldit.dit.drift_axis import DriftAxis, drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
@@ -28,6 +29,7 @@ from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
 from cldit.io.origin import Origin, versions
 from cldit.optics.response import from_plain
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.boundary import Boundary
 
 Watch = Callable[[int, int], None]
@@ -35,8 +37,6 @@ Watch = Callable[[int, int], None]
 CurveSource = Literal["planck", "fitted"]
 
 EVALUATION = "evaluation.json"
-IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
-_MUCH = 0.01  # share of saturated pixels that is reported
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -376,7 +376,7 @@ def _without(maps: Maps, bad: Mask) -> Maps:
 
 def _check_not_swapped(maps: Maps) -> None:
     """Checks that the emissivity is positive in most pixels; otherwise the kinds are swapped."""
-    sure = np.maximum(5.0 * maps.emissivity_standard_error, 0.05)
+    sure = np.maximum(5.0 * maps.emissivity_standard_error, VISIBLE_EMISSIVITY)
     negative = int(np.count_nonzero(maps.emissivity < -sure))
     positive = int(np.count_nonzero(maps.emissivity > sure))
     if negative > max(positive, 1e-3 * maps.emissivity.size):
@@ -392,7 +392,7 @@ def _remarks(shots: _Shots, fitted: CurveFit | None) -> list[str]:
         lines.append(f"calibration curve of the references: {fitted.text}")
     for setpoint in shots.setpoints:
         share = float(np.mean(shots.full(setpoint)))
-        if share > _MUCH:
+        if share > FEW:
             lines.append(
                 f"background {setpoint:g} K: {100 * share:.0f} % of the pixels are saturated and "
                 "are evaluated without it"

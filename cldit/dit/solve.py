@@ -24,7 +24,7 @@ from cldit.dit.fit import (
 from cldit.dit.maps import Maps, Reason
 from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
 
-_AGAIN = 2  # iterations for a drifting gain: the error falls by a factor of the drift with each
+GAIN_ITERATIONS = 2  # the error falls by a factor of the relative drift, 0.1 at most, with each
 DETECTION = 3.0  # least emissivity in standard errors ...
 _ROUNDING = 16 * np.finfo(float).eps  # of the sums of a fit, over the largest signal
 LEAST_EMISSIVITY = 1e-4  # ... and at all: the accuracy of a trace
@@ -206,7 +206,7 @@ def solve(
         extra={} if systematic is None else systematic.extra,
     )
     lines = fit.start()
-    iterations = 1 + (_AGAIN if np.any(fit.gain != 1.0) else 0)
+    iterations = 1 + (GAIN_ITERATIONS if np.any(fit.gain != 1.0) else 0)
     for number in range(1, iterations + 1):
         lines = fit.again(lines, with_shared=number == iterations)
     if systematic is not None:

@@ -16,18 +16,16 @@ from dataclasses import replace
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.dit.chance import ALONE, sure
 from cldit.dit.solve import KINDS, Cause, Drift
 from cldit.dit.witness.backgrounds import OffLine, references, slopes
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import sure
 from cldit.dit.witness.trend import Trends, steady, unit, without
 
-_BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
 _DETERMINED = 1e-4  # of the best determined direction: less is undetermined
 _SAME = 1e-12  # variance of parts of Delta I if all shots are equal
 _ALIKE = 1.3  # ratio of remainders up to which causes are not distinguished
 _BENT = 2.0  # the same for the curvature, since no camera bends by signal^2 exactly
-_LONE = 0.1  # of the explained squares: one background alone leaves a third of the deviation
 
 
 def find(
@@ -132,7 +130,7 @@ def _causes(evidence: Evidence) -> dict[Cause, Floats]:
     lone = np.count_nonzero(fits["black body"][1]) == 1
     likely: Cause = "black body" if lone else "offset"
     best = min(fits, key=lambda cause: fits[cause][0])
-    best = likely if fits[likely][0] < _BETTER * fits[best][0] else best
+    best = likely if fits[likely][0] < _ALIKE * fits[best][0] else best
     alike = [best] + [cause for cause in fits if cause != best]
     smallest = min(remainder for remainder, _ in fits.values())
     return {
@@ -189,7 +187,7 @@ def _fitted(evidence: Evidence, factors: dict[str, Floats], *, fixed: bool) -> t
     scale = unit / size
     separate_gains = side**2 / np.diag(kept)
     strongest = int(np.argmax(separate_gains))
-    if count >= 4 and gained - separate_gains[strongest] < _LONE * gained:
+    if count >= 4 and gained - separate_gains[strongest] < ALONE * gained:
         alone_z = np.zeros(count)
         alone_z[strongest] = side[strongest] / kept[strongest, strongest] * scale
         size2 = alone_z**2

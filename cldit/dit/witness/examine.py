@@ -11,7 +11,7 @@ from cldit.camera.calibration import Calibration
 from cldit.dit.shots import AllSums, thumbnail
 from cldit.dit.solve import KINDS, Cause, Drift, Systematic, by_amount
 from cldit.dit.witness import backgrounds, drift, images
-from cldit.dit.witness.backgrounds import CLEAREST, clearest, slopes
+from cldit.dit.witness.backgrounds import CLEAREST, THIN, clearest, slopes
 from cldit.dit.witness.evidence import Evidence, per_kelvin
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
@@ -24,7 +24,6 @@ from cldit.dit.witness.trend import DriftTerm, terms, unit
 from cldit.radiance.boundary import Boundary, Surroundings
 
 _BANDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # shares of the filter in which a spray absorbs
-_THIN = 0.98  # share of the background behind thin spray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +144,7 @@ def _of_pixels(
         patterns,
         clear=evidence.pixels(clear),
         half=evidence.pixels(clearest(evidence, share=0.5 * CLEAREST)),
-        wide=evidence.pixels(clear | (slope > _THIN)),
+        wide=evidence.pixels(clear | (slope > 1.0 - THIN)),
         thin=max(float(1.0 - np.mean(slope[clear])), 0.0),
         warmest=max(1.0, evidence.warmest / float(evidence.source["reference"].max())),
         rise_counts=evidence.rise * scale,

@@ -12,17 +12,16 @@ import numpy as np
 from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
+from cldit.dit.chance import sure
 from cldit.dit.hypotheses import Hypothesis, describe, fitted
 from cldit.dit.solve import KINDS, Systematic
-from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
+from cldit.dit.witness.backgrounds import CHOSEN, CLEAREST, FLOOR_K, THIN, clearest, slopes
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 
 _THIN = 0.3  # largest emissivity of the pixels with the least spray, as a cause
-_DENSE = 0.3  # share of the blocks, those with the most spray, as `CLEAREST` those with the least
 _FREE = 0.005  # emissivity of the clearest pixels, up to which they are free of spray
-_MORE = 0.05  # of the background's contrast: as `_check_not_swapped` of recorded.py
-_LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
 
 def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
@@ -54,7 +53,9 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
         message = (
             f"{describe(good, none=none, tried=len(causes))}, or there is spray in the whole image"
         )
-        if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
+        if np.count_nonzero(slope > 1.0 + VISIBLE_EMISSIVITY) > np.count_nonzero(
+            slope < 1.0 - VISIBLE_EMISSIVITY
+        ):
             message += "; injections show more of the background: are the two kinds swapped?"
     witness = Witness(
         name="kinds",
@@ -161,7 +162,7 @@ def _causes(
 def _own(evidence: Evidence, x: Floats) -> float:
     """Radiance of the spray where it is densest, between 0 and the warmest."""
     slope = slopes(evidence)
-    dense = (slope <= np.quantile(slope, _DENSE)) & (1.0 - slope > _LEAST)
+    dense = (slope <= np.quantile(slope, CLEAREST)) & (1.0 - slope > THIN)
     if not dense.any():
         return 0.5 * evidence.warmest
     fall, start = np.polyfit(x / x.max(), evidence.change[:, dense].mean(axis=1) / x.max(), 1)

@@ -20,17 +20,16 @@ from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
 from cldit.dit import hypotheses
+from cldit.dit.chance import DEVIATIONS, clipped
+from cldit.dit.shots import THUMBNAIL
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.patterns import Patterns
 
-_BLOCKS = 32  # along either axis, at most: as thumbnails
 _EDGE = 6  # pixels along a block, at least: 36 give a variance to 24 %
-_SURE = 6.0  # standard deviations of moments that are no chance
 _MORE = 0.1  # excess of the variance: errors are 5 % larger
 _PART = 0.02  # share of the blocks that is worth a warning
 _LONE = 0.5  # of the unexplained squares, for one background alone
-_CLIP = 4.0  # standard deviations: one of 16,000 normal pixels is clipped
 _WIDE = 2.5  # standard deviations from which errors are widened without a warning
 _SPREAD = 0.3  # of the warmest radiance: spread of the temperatures of thin sprays
 _RADIANCES = np.linspace(0.0, 1.0, 9)
@@ -47,7 +46,7 @@ class _Blocks:
 
     @classmethod
     def of(cls, sees: Mask) -> "_Blocks":
-        parts = [max(1, min(_BLOCKS, n // _EDGE)) for n in sees.shape]
+        parts = [max(1, min(THUMBNAIL, n // _EDGE)) for n in sees.shape]
         rows, columns = (
             np.arange(n) * part // n for n, part in zip(sees.shape, parts, strict=True)
         )
@@ -88,8 +87,8 @@ def between_backgrounds(
     # The noise of a kind's moments, and that pixels share neighbours
     doubt = np.sqrt(3.0 / (spare * np.maximum(blocks.counts, 1.0)))
     overall = float(np.average(ratio, weights=blocks.counts))
-    everywhere = overall > max(_MORE, _SURE * np.sqrt(3.0 / (spare * blocks.counts.sum())))
-    wide = filled & ((ratio > 0.0) if everywhere else (ratio > _SURE * doubt))
+    everywhere = overall > max(_MORE, DEVIATIONS * np.sqrt(3.0 / (spare * blocks.counts.sum())))
+    wide = filled & ((ratio > 0.0) if everywhere else (ratio > DEVIATIONS * doubt))
     if not wide.any():
         return None, {}
     parts = _explained(
@@ -221,7 +220,7 @@ def between_kinds(
         renewed_gain = float(np.sqrt(slopes2)) / gain
         messages.append(f"gains by {100.0 * renewed_gain:.2g} %")
         sure = max(sure, slopes2 / slopes_doubt)
-    if sure < _SURE:
+    if sure < DEVIATIONS:
         return None, offset_counts, renewed_gain
     causes = hypotheses.between_kinds(
         patterns, thin_around, offsets=offset_counts > 0.0, gains=renewed_gain > 0.0
@@ -272,6 +271,4 @@ class _Difference:
 
 def _variance(values: Floats) -> float:
     """Variance of values whose tails are clipped, since a few odd pixels shall not change it."""
-    off = values - np.median(values)
-    limit = _CLIP * 1.4826 * np.median(np.abs(off))
-    return float(np.mean(np.clip(off, -limit, limit) ** 2))
+    return float(np.mean(clipped(values - np.median(values)) ** 2))

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 
 from cldit.arrays import Floats, Mask
+from cldit.dit.chance import sure
 from cldit.dit.shots import AllSums
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness
 
 _TILES = 4  # along either axis: the scatter of 16 gives the noise of the shift to 18 %
 _WORTH_PIXELS = 0.1

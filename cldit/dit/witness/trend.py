@@ -16,12 +16,11 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.dit.solve import Cause, Drift
+from cldit.dit.chance import sure
+from cldit.dit.solve import GAIN_ITERATIONS, Cause, Drift
 from cldit.dit.witness.backgrounds import squares
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import sure
 
-_AGAIN = 3  # iterations; each reduces the error by the relative drift, a tenth at most
 _NEAR = 0.5  # largest relative deviation of a course from that of the rates
 _NAMES = {
     "black body": "black body",
@@ -107,7 +106,7 @@ def _of_camera(evidence: Evidence) -> Trends:
     way = _way(evidence)
     seen, ones = signal(evidence), np.ones_like(way)
     rates, covariance = _rates(evidence, {"offset": ones, "gain": seen}, beside=evidence.rise)
-    for _ in range(_AGAIN):  # at the signals for the gain at mid-course
+    for _ in range(GAIN_ITERATIONS):  # at the signals for the gain at mid-course
         still = (seen - rates.get("offset", 0.0) * way) / (1.0 + rates.get("gain", 0.0) * way)
         rates, covariance = _rates(evidence, {"offset": ones, "gain": still}, beside=evidence.rise)
     roots = _roots(np.array(list(rates.values())), covariance)
