@@ -14,7 +14,7 @@ from cldit.arrays import Floats
 from cldit.dit.chance import clipped
 from cldit.dit.hypotheses import TURNS
 from cldit.dit.shots import AllSums
-from cldit.dit.solve import KINDS
+from cldit.dit.solve import DETECTION, KINDS
 from cldit.dit.witness.finding import Witness, refusal
 from cldit.dit.witness.patterns import neighbours
 
@@ -56,7 +56,7 @@ def _pattern(image: Floats) -> Floats:
     """Relative difference of each pixel from its four neighbours, clipped and normalised."""
     surrounding = neighbours(image)
     fine = (image - surrounding) / np.maximum(np.abs(surrounding), 1.0)
-    return _level(clipped(fine))
+    return _level(clipped(fine, DETECTION))
 
 
 def _level(image: Floats) -> Floats:

@@ -30,6 +30,7 @@ _EDGE = 6  # pixels along a block, at least: 36 give a variance to 24 %
 _MORE = 0.1  # excess of the variance: errors are 5 % larger
 _PART = 0.02  # share of the blocks that is worth a warning
 _LONE = 0.5  # of the unexplained squares, for one background alone
+_CLIP = 4.0  # standard deviations: one of 16,000 normal pixels is clipped
 _WIDE = 2.5  # standard deviations from which errors are widened without a warning
 _SPREAD = 0.3  # of the warmest radiance: spread of the temperatures of thin sprays
 _RADIANCES = np.linspace(0.0, 1.0, 9)
@@ -271,4 +272,4 @@ class _Difference:
 
 def _variance(values: Floats) -> float:
     """Variance of values whose tails are clipped, since a few odd pixels shall not change it."""
-    return float(np.mean(clipped(values - np.median(values)) ** 2))
+    return float(np.mean(clipped(values - np.median(values), _CLIP) ** 2))

@@ -84,13 +84,6 @@ def test_bad_pixels_are_fixed_and_stuck() -> None:
     assert np.array_equal(model.bad_pixels(), mask)
 
 
-def test_exposure_time_scales_the_signal() -> None:
-    scene = Scene(name="t", spray=EmptySpray())
-    short = SensorModel.from_scene(scene, 12.5e-6)
-    normal = SensorModel.from_scene(scene)
-    assert normal.electrons_per_radiance == pytest.approx(2 * short.electrons_per_radiance)
-
-
 def test_refuses() -> None:
     with pytest.raises(SceneError, match=r"bad_pixels: 5 is outside 0..4"):
         _model(pixels=(2, 2), bad_pixels=5)
