@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.recorded import Evaluation, evaluate_shots
 from tests.laboratory import AROUND, Drifts, Laboratory, laboratory
 
@@ -26,7 +26,7 @@ def _evaluated(made: Laboratory) -> Evaluation:
     return evaluate_shots(made.recorded)
 
 
-def mean_squares(found: Evaluation, made: Laboratory) -> NDArray[np.float64]:
+def mean_squares(found: Evaluation, made: Laboratory) -> Floats:
     """(bands, 4) mean squares: error of T_app and the stated one, of the emissivity likewise."""
     maps = found.maps
     kelvin = maps.apparent_temperature_K.astype(float)

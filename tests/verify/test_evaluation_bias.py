@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve, fit_curve
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.recorded import evaluate_shots
@@ -35,7 +36,7 @@ from tests.verify.evaluation_bias import (
 EMISSIVITY = np.array(EMISSIVITIES)
 
 
-def _split(image: NDArray[np.float32]) -> NDArray[np.float64]:
+def _split(image: NDArray[np.float32]) -> Floats:
     """(6, pixels) by emissivity."""
     return np.stack(
         [part.ravel() for part in np.split(image.astype(float), len(EMISSIVITY), axis=1)]

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, inv, lstsq, solve_triangular
 
+from cldit.arrays import Floats
 from cldit.dit.fit import (
     Pair,
     SharedError,
@@ -22,10 +22,10 @@ X = np.array([1.0, 2.5, 6.0, 11.0, 20.0])
 
 
 def _fit(
-    reference: NDArray[np.float64],
-    during: NDArray[np.float64],
-    variance: tuple[NDArray[np.float64], NDArray[np.float64]],
-    shared: NDArray[np.float64] | None = None,
+    reference: Floats,
+    during: Floats,
+    variance: tuple[Floats, Floats],
+    shared: Floats | None = None,
     slopes: tuple[float, float] = (1.0, 0.3),
 ) -> Pair:
     pixels = reference.shape[1]
