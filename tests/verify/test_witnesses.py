@@ -169,6 +169,17 @@ def test_a_black_body_between_the_kinds_is_named(apart_K: float) -> None:
     assert 0.6 < _ratio(found, made) < 1.4
 
 
+def test_a_black_body_whose_readings_follow_it_is_no_alarm() -> None:
+    """Injections in front of a black body that is 1 K warmer, and is read so."""
+
+    def change(shot: Shot) -> Shot:
+        warmer = 1.0 if shot.kind == "injection" else 0.0
+        return replace(shot, background_K=shot.background_K + warmer)
+
+    made = laboratory(8, shape=SMALL, blackbody_of_injections_K=1.0)
+    assert not _witness(evaluate_shots(_edit(made, change).recorded), "kinds").stands_out
+
+
 def test_kelvins_between_the_kinds_are_refused_unless_accepted() -> None:
     made = laboratory(9, shape=SMALL, blackbody_of_injections_K=5.0)
     with pytest.raises(EvaluationError, match=r"accept: \[kinds\]"):
