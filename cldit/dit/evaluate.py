@@ -108,10 +108,8 @@ def evaluate_radiance(
         )
 
     def solved(rows: slice) -> Maps:
-        bare, spray = (
-            signals([reference] * len(parts), rows, references),
-            signals(traces, rows, shots),
-        )
+        bare = signals([reference] * len(parts), rows, references)
+        spray = signals(traces, rows, shots)
         usable = np.ones(bare.mean.shape, dtype=bool)
         return solve(bare, spray, usable=usable, curve=Curve(filter_um=filter_um), exact=True)[0]
 
