@@ -127,6 +127,16 @@ def test_a_gain_that_creeps_is_in_the_errors() -> None:
     assert any("as if the camera's gain changed" in one.text for one in found.witnesses)
 
 
+def test_a_black_body_that_drifts_is_in_the_errors() -> None:
+    """1 K a minute without scatter: some hundred pixels tell chi2 to 14 %, and two of these are
+    allowed. Without the drift itself in the errors it is 1.5 where the spray is dense."""
+    made = laboratory(10, drifts=Drifts(blackbody_K=1.0), shape=(24, 40), scatter=0.0)
+    found = _evaluated(made)
+    assert [drift.name for drift in found.drifts] == ["black body, steady drift"]
+    squares = mean_squares(found, made)
+    assert np.all(squares[:, 0] < 1.28 * squares[:, 1])
+
+
 def test_blocks_are_told_from_interleaved_shots() -> None:
     """All references first: the creep stands between the kinds, and is stated."""
     made = laboratory(6, drifts=CREEP, interleave=False)
