@@ -2,7 +2,7 @@
 
 import weakref
 from collections.abc import Callable, Hashable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,14 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Reals = NDArray[np.floating]  # of the precision of a device or a file
 _T = TypeVar("_T")
-_KEPT: dict[Hashable, Any] = {}
+_KEPT: dict[tuple[Hashable, ...], Any] = {}  # by the identities of arrays, while these exist
 
 
 def kept(arrays: tuple[NDArray[Any], ...], key: Hashable, make: Callable[[], _T]) -> _T:
     """Result of `make`, made once from `key` and from arrays that do not change."""
-    name = (*map(id, arrays), key)
-    if name not in _KEPT:
-        _KEPT[name] = make()
-        for array in arrays:
-            weakref.finalize(array, _KEPT.pop, name, None).atexit = False
-    return _KEPT[name]  # type: ignore[no-any-return]
+    place = (key, *map(id, arrays))
+    if place not in _KEPT:
+        _KEPT[place] = make()
+        for array in arrays:  # another array may have its identity later
+            weakref.finalize(array, _KEPT.pop, place, None)
+    return cast(_T, _KEPT[place])

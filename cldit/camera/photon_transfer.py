@@ -5,8 +5,6 @@ Electrons follow a Poisson distribution, so the variance of one exposure in coun
 without light is that of read noise and rounding.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.special import chdtri
 
@@ -16,15 +14,6 @@ from cldit.errors import EvaluationError
 _BINS = 24  # of equal numbers of pixels
 
 
-@dataclass(frozen=True, kw_only=True)
-class PhotonTransfer:
-    """Gain, and read noise for an offset of `offset_counts`."""
-
-    electrons_per_count: float
-    read_noise_electrons: float
-    offset_counts: float
-
-
 def photon_transfer(
     mean: Floats,
     variance: Floats,
@@ -32,8 +21,8 @@ def photon_transfer(
     exposures: int,
     offset_counts: float | None,
     step_counts: float = 1.0,
-) -> PhotonTransfer:
-    """Gain and read noise from means and sample variances of equal exposures.
+) -> dict[str, float]:
+    """Gain, read noise and offset, as `Calibration` names them, from equal exposures.
 
     Pixels are sorted by their mean into bins; the variance of a bin is the median of its pixels'
     variances over the median of chi-square, which is robust against defective pixels.
@@ -65,8 +54,8 @@ def photon_transfer(
     if offset is None:
         offset = (step_counts**2 / 12.0 - at_zero) / slope
     read2 = at_zero + slope * offset - step_counts**2 / 12.0
-    return PhotonTransfer(
-        electrons_per_count=float(1.0 / slope),
-        read_noise_electrons=float(np.sqrt(max(read2, 0.0)) / slope),
-        offset_counts=float(offset),
-    )
+    return {
+        "electrons_per_count": float(1.0 / slope),
+        "read_noise_electrons": float(np.sqrt(max(read2, 0.0)) / slope),
+        "offset_counts": float(offset),
+    }

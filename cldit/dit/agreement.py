@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.special import chdtrc
 
+from cldit.dit.chance import FEW, IMPROBABLE, sure
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.solve import DETECTION
 
-_SIDE = 7  # pixels: the mean of chi-square over 49 of them, 4 degrees each, is 1 +- 0.1
-_MORE = 1.5  # of that mean: five standard deviations
-_IMPROBABLE = (1e-3, 0.01)  # probability of a pixel, and share of such pixels, ten times chance
+_SIDE = 7  # pixels: the mean of chi-square over 49 of them, of 4 degrees, has an error of 0.1
 
 
 def agreeing(maps: Maps, backgrounds: NDArray[np.int_]) -> tuple[Maps, str]:
@@ -25,21 +24,22 @@ def agreeing(maps: Maps, backgrounds: NDArray[np.int_]) -> tuple[Maps, str]:
     backgrounds: (H, W) number of backgrounds with a signal in each pixel.
     """
     tested = np.isfinite(maps.fit_probability)
-    if not tested.any() or np.mean(maps.fit_probability[tested] < _IMPROBABLE[0]) < _IMPROBABLE[1]:
+    if not tested.any() or np.mean(maps.fit_probability[tested] < IMPROBABLE) < FEW:
         return maps, ""
     total = uniform_filter(np.where(tested, maps.reduced_chi2, 0.0).astype(float), _SIDE)
     mean = total / np.maximum(uniform_filter(tested.astype(float), _SIDE), 1.0 / _SIDE**2)
-    factor = np.where(tested & (mean > _MORE), mean, 1.0)
+    degrees = np.maximum(2 * backgrounds - 4, 1)
+    chance = 1.0 + sure(0) * np.sqrt(2.0 / (degrees * _SIDE**2))
+    factor = np.where(tested & (mean > chance), mean, 1.0)
     if not np.any(factor > 1.0):
         return maps, ""
     wider = np.sqrt(factor).astype(np.float32)
-    degrees = np.maximum(2 * backgrounds - 4, 1)
     reduced = np.asarray(maps.reduced_chi2 / factor, np.float32)
     error = maps.emissivity_standard_error * wider
     faint = (maps.reason == Reason.OK) & ~(maps.emissivity > DETECTION * error)
 
     nothing = np.float32(np.nan)
-    chance = np.where(tested, chdtrc(degrees, reduced * degrees), np.nan).astype(np.float32)
+    probability = np.where(tested, chdtrc(degrees, reduced * degrees), np.nan).astype(np.float32)
     widened = replace(
         maps,
         emissivity_standard_error=error,
@@ -49,7 +49,7 @@ def agreeing(maps: Maps, backgrounds: NDArray[np.int_]) -> tuple[Maps, str]:
         ),
         reason=np.where(faint, np.uint8(Reason.EMISSIVITY_TOO_LOW), maps.reason),
         reduced_chi2=reduced,
-        fit_probability=chance,
+        fit_probability=probability,
     )
     share = float(np.mean(factor[tested] > 1.0))
     return widened, (

@@ -14,7 +14,7 @@ part of gain and offset of the pixel.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,6 @@ from cldit.scene.vessel import Window
 
 PARTS = "budget"  # folder of the parts, in that of the maps
 COMMON = "common error"  # of all pixels
-_MOST = 6  # common errors
-_SEEN = 1.0  # their least chi-square in all pixels together: one standard deviation
 _SHARES = np.linspace(0.0, 1.0, 11)  # emissivities of the fits; between them, an error of f'' / 800
 
 
@@ -166,7 +164,7 @@ def common_parts(maps: Maps, kelvin: Floats, emissivity: Floats) -> tuple[Part, 
     """
     seen = np.nan_to_num(kelvin / maps.apparent_temperature_standard_error_K)
     size, turn = np.linalg.eigh(np.einsum("ahw,bhw->ab", seen, seen))
-    kept = [k for k in reversed(range(len(size))) if size[k] > _SEEN][:_MOST]
+    kept = [k for k in reversed(range(len(size))) if size[k] > 1.0]  # of one standard deviation
     return tuple(
         Part(
             name=f"{COMMON} {number}",
@@ -206,20 +204,17 @@ def budget(
     spray = float(np.median(radiance[evaluated])) if evaluated.any() else float(x[0])
     weights = [_weight(share, x, spray, stated, calibration) for share in _SHARES]
     parts: list[Part] = []
-    for change in _variations(surroundings, curve):
-        boundary = curve_boundary(
-            change.surroundings, change.curve, backgrounds_K, dimmed=change.dimmed
-        )
-        leaving = boundary.leaving(np.asarray(backgrounds_K) + change.warmer_K)
+    for name, boundary, warmer_K, changed_curve in _variations(surroundings, curve, backgrounds_K):
+        leaving = boundary.leaving(np.asarray(backgrounds_K) + warmer_K)
         lines = np.array([_affine(leaving, x, weight) for weight in weights])
         a, b = lines[0]
         a_inj, b_inj = (np.interp(emissivity, _SHARES, column) for column in lines.T)
         with np.errstate(divide="ignore", invalid="ignore"):  # without spray
             changed = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
-        changed_K = change.curve.temperature(np.maximum(np.where(evaluated, changed, 0.0), 0.0))
+        changed_K = changed_curve.temperature(np.maximum(np.where(evaluated, changed, 0.0), 0.0))
         parts.append(
             Part(
-                name=change.name,
+                name=name,
                 kelvin=np.where(evaluated, changed_K - apparent_K, np.nan),
                 emissivity=through * (1.0 - a_inj / a),
             )
@@ -227,55 +222,40 @@ def budget(
     return Budget(parts=tuple(parts), maps=maps, common=common)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Variation:
-    """The setup with one quantity changed by its uncertainty. dimmed: reduction of the transmission
-    of windows, by side. warmer_K: of the black body."""
-
-    name: str
-    surroundings: Surroundings
-    curve: Curve
-    dimmed: Mapping[str, float] = field(default_factory=dict)
-    warmer_K: float = 0.0
-
-
-def _variations(surroundings: Surroundings, curve: Curve) -> Iterator[_Variation]:
-    stated = _Variation(name="", surroundings=surroundings, curve=curve)
+def _variations(
+    surroundings: Surroundings, curve: Curve, backgrounds_K: Sequence[float]
+) -> Iterator[tuple[str, Boundary, float, Curve]]:
+    """Names of quantities; boundary, excess [K] of the black body, and curve with each one changed
+    by its uncertainty."""
     unsure = surroundings.uncertainty
 
-    def other(name: str, **changes: Any) -> _Variation:
-        return replace(stated, name=name, surroundings=replace(surroundings, **changes))
+    def boundary(**changes: Any) -> Boundary:
+        return curve_boundary(replace(surroundings, **changes), curve, backgrounds_K)
 
     for cause, kelvin in (
         ("calibration", unsure.background_calibration_K),
         ("uniformity", unsure.background_uniformity_K),
     ):
-        yield replace(stated, name=f"black body's {cause} by {kelvin:g} K", warmer_K=kelvin)
+        yield f"black body's {cause} by {kelvin:g} K", boundary(), kelvin, curve
     lower = max(surroundings.background_emissivity - unsure.background_emissivity, 1e-3)
-    yield other(
-        f"background emissivity by {surroundings.background_emissivity - lower:g}",
-        background_emissivity=lower,
-    )
+    name = f"background emissivity by {surroundings.background_emissivity - lower:g}"
+    yield name, boundary(background_emissivity=lower), 0.0, curve
     wall_K = surroundings.wall_temperature_K + unsure.wall_temperature_K
-    yield other(f"walls by {unsure.wall_temperature_K:g} K", wall_temperature_K=wall_K)
+    name = f"walls by {unsure.wall_temperature_K:g} K"
+    yield name, boundary(wall_temperature_K=wall_K), 0.0, curve
     change_um = unsure.filter_um / float(np.mean(edges_um(curve.filter_um)))
-    yield replace(
-        stated,
-        name=f"filter by {unsure.filter_um:g} um",
-        curve=replace(curve, stretch=curve.stretch * (1.0 + change_um)),
-    )
+    wider = replace(curve, stretch=curve.stretch * (1.0 + change_um))
+    name = f"filter by {unsure.filter_um:g} um"
+    yield name, curve_boundary(surroundings, wider, backgrounds_K), 0.0, wider
     for window in surroundings.windows:
         kelvin = window.temperature_K + unsure.window_temperature_K
         warmer = window.model_copy(update={"temperature_K": kelvin})
-        yield other(
-            f"{window.side} window by {unsure.window_temperature_K:g} K",
-            windows=tuple(warmer if pane is window else pane for pane in surroundings.windows),
-        )
-        yield replace(
-            stated,
-            name=f"{window.side} window's transmission by {unsure.window_transmission:g}",
-            dimmed={window.side: unsure.window_transmission},
-        )
+        windows = tuple(warmer if pane is window else pane for pane in surroundings.windows)
+        name = f"{window.side} window by {unsure.window_temperature_K:g} K"
+        yield name, boundary(windows=windows), 0.0, curve
+        dimmed: dict[str, float] = {window.side: unsure.window_transmission}
+        name = f"{window.side} window's transmission by {unsure.window_transmission:g}"
+        yield name, curve_boundary(surroundings, curve, backgrounds_K, dimmed=dimmed), 0.0, curve
 
 
 def curve_boundary(

@@ -1,7 +1,6 @@
 """The camera as its images show it: defective pixels, view of the background, calibration."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -72,14 +71,13 @@ def completed(stated: Mapping[str, Any], sums: AllSums, sees: Mask, seen: Floats
                 "or give sensor.electrons_per_count and read_noise_electrons"
             )
         several = [group for group in groups if len(group.ids) == exposures]
-        noise = photon_transfer(
+        data |= photon_transfer(
             np.concatenate([group.mean()[sees] for group in several]),
             np.concatenate([group.variance()[sees] for group in several]),
             exposures=exposures,
             offset_counts=data.get("offset_counts"),
             step_counts=data["step_counts"],
         )
-        data |= {field.name: getattr(noise, field.name) for field in fields(noise)}
     if "counts_per_radiance" in missing:
         means = np.array([np.mean(group.mean()[sees]) for group in groups])
         unit = float(np.max(seen))

@@ -14,21 +14,22 @@ equal, and the emissivity would be unknown.
 
 import math
 from bisect import bisect_left
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 
 from cldit.acquisition.plan import Plan, plan_from_scene
 from cldit.arrays import Floats
+from cldit.dit.outliers import LEAST_SHOTS
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
 from cldit.rig.protocols import Stability
 from cldit.scene.schema import Scene
 
 MOST_SHOTS = 10_000  # of a kind, per background
-LEAST_SHOTS = 3  # needed to detect an outlier
 LEAST_BACKGROUNDS = 3  # needed for a goodness of fit
 _LEVELS = 7  # of the lowest and of the highest background: steps of 100 K over 253..873 K
 
@@ -77,6 +78,14 @@ class Design:
 def temperatures_K(low_K: float, high_K: float, count: int) -> tuple[float, ...]:
     """`count` backgrounds in equal steps from `low_K` to `high_K`, to a tenth of a kelvin."""
     return tuple(round(float(each_K), 1) for each_K in np.linspace(low_K, high_K, count))
+
+
+def background_sets(limits_K: tuple[float, float], count: int) -> Iterator[tuple[float, ...]]:
+    """Sets of `count` different backgrounds in equal steps, of all lowest and highest levels."""
+    for low_K, high_K in combinations(np.linspace(*limits_K, _LEVELS), 2):
+        backgrounds = temperatures_K(low_K, high_K, count)
+        if len(set(backgrounds)) == count:
+            yield backgrounds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,36 +148,31 @@ def designs(
     takes `shot_s`.
     """
     low_K, high_K = blackbody.limits_K
-    levels = np.linspace(low_K, high_K, _LEVELS)
     fastest: list[Design] = []
     smallest = np.array([np.inf, np.inf])
     for count in counts:
         best: Design | None = None
-        for low in levels:
-            for high in levels[levels > low]:
-                backgrounds = temperatures_K(low, high, count)
-                if len(set(backgrounds)) < count:
-                    continue
-                variances = subject.variances(backgrounds)
-                smallest = np.fmin(smallest, goal.errors(variances, MOST_SHOTS, MOST_SHOTS))
-                fewest = _fewest(variances, goal)
-                if fewest is None:
-                    continue
-                shots, bare = fewest
-                waiting_s = blackbody.time_s(backgrounds)
-                time_s = waiting_s + count * (shots + bare) * shot_s
-                if best is None or time_s < best.time_s:
-                    error_K, emissivity = goal.errors(variances, shots, bare)
-                    best = Design(
-                        backgrounds_K=backgrounds,
-                        shots=shots,
-                        references=bare,
-                        integration_time_s=subject.exposure(high).integration_time_s,
-                        error_K=float(error_K),
-                        emissivity_error=float(emissivity),
-                        time_s=time_s,
-                        waiting_s=waiting_s,
-                    )
+        for backgrounds in background_sets(blackbody.limits_K, count):
+            variances = subject.variances(backgrounds)
+            smallest = np.fmin(smallest, goal.errors(variances, MOST_SHOTS, MOST_SHOTS))
+            fewest = _fewest(variances, goal)
+            if fewest is None:
+                continue
+            shots, bare = fewest
+            waiting_s = blackbody.time_s(backgrounds)
+            time_s = waiting_s + count * (shots + bare) * shot_s
+            if best is None or time_s < best.time_s:
+                error_K, emissivity = goal.errors(variances, shots, bare)
+                best = Design(
+                    backgrounds_K=backgrounds,
+                    shots=shots,
+                    references=bare,
+                    integration_time_s=subject.exposure(backgrounds[-1]).integration_time_s,
+                    error_K=float(error_K),
+                    emissivity_error=float(emissivity),
+                    time_s=time_s,
+                    waiting_s=waiting_s,
+                )
         if best is not None:
             fastest.append(best)
     if not fastest:

@@ -3,10 +3,12 @@
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
+from functools import partial
 
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
@@ -84,33 +86,16 @@ def evaluate_radiance(
         EvaluationError: fewer than two different backgrounds, or traces of different shape.
     """
     traces = [weights] if isinstance(weights, Weights) else list(weights)
-    shape = reference.background.shape
-    for trace in traces:
-        if trace.background.shape != shape:
-            raise EvaluationError(
-                f"the trace has {trace.background.shape} pixels, the one without spray {shape}"
-            )
-    if shots < 1 or references < 1:
-        raise EvaluationError(f"{shots} shots and {references} references; at least one each")
+    _check(traces, reference, shots, references)
     temperatures = list(background_temperatures_K)
-    reference_K = reference_temperature_K(temperatures)
-    boundary = Boundary.in_filter(surroundings, filter_um, reference_K=reference_K)
-    parts = (
-        [boundary]
-        if nodes is None
-        else [Boundary.of(surroundings, n.radiance, n.pane) for n in nodes]
-    )
+    middle_K = reference_temperature_K(temperatures)
+    boundary = Boundary.in_filter(surroundings, filter_um, reference_K=middle_K)
+    parts = [boundary]
+    if nodes is not None:
+        parts = [Boundary.of(surroundings, node.radiance, node.pane) for node in nodes]
     source = boundary.leaving(temperatures)
     check_span(source, temperatures)
-    calibration = None if sensor is None else sensor.calibration()
-
-    def camera(inside: Floats) -> Floats:
-        if calibration is None:
-            return np.zeros_like(inside)
-        variance = calibration.variance_counts2(calibration.counts(boundary.seen(inside)))
-        return np.asarray(
-            variance / (calibration.counts_per_radiance * boundary.front.transmission) ** 2
-        )
+    camera = partial(_variance, None if sensor is None else sensor.calibration(), boundary)
 
     def signals(traced: Sequence[Weights], rows: slice, exposures: int) -> Signals:
         cut = [node_weights.map(lambda image: image[rows]) for node_weights in traced]
@@ -123,13 +108,32 @@ def evaluate_radiance(
         )
 
     def solved(rows: slice) -> Maps:
-        return solve(
-            signals([reference] * len(parts), rows, references),
-            signals(traces, rows, shots),
-            usable=np.ones((len(source), *reference.background[rows].shape), dtype=bool),
-            curve=Curve(filter_um=filter_um),
-            exact=True,
-        ).maps
+        bare = signals([reference] * len(parts), rows, references)
+        spray = signals(traces, rows, shots)
+        usable = np.ones(bare.mean.shape, dtype=bool)
+        return solve(bare, spray, usable=usable, curve=Curve(filter_um=filter_um), exact=True)[0]
 
     with ThreadPoolExecutor(_TOGETHER) as pool:
-        return stack(list(pool.map(solved, blocks(shape, len(source)))))
+        return stack(list(pool.map(solved, blocks(reference.background.shape, len(source)))))
+
+
+def _check(traces: Sequence[Weights], reference: Weights, *exposures: int) -> None:
+    shape = reference.background.shape
+    for trace in traces:
+        if trace.background.shape != shape:
+            raise EvaluationError(
+                f"the trace has {trace.background.shape} pixels, the one without spray {shape}"
+            )
+    if min(exposures) < 1:
+        shots, references = exposures
+        raise EvaluationError(f"{shots} shots and {references} references; at least one each")
+
+
+def _variance(calibration: Calibration | None, boundary: Boundary, inside: Floats) -> Floats:
+    """Variance, radiance^2, of one exposure to the radiance `inside`; 0 without a camera."""
+    if calibration is None:
+        return np.zeros_like(inside)
+    variance = calibration.variance_counts2(calibration.counts(boundary.seen(inside)))
+    return np.asarray(
+        variance / (calibration.counts_per_radiance * boundary.front.transmission) ** 2
+    )

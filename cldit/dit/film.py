@@ -12,17 +12,13 @@ from itertools import pairwise
 import numpy as np
 
 from cldit.arrays import Floats, Mask
-from cldit.dit.frame import Fingerprint
+from cldit.dit.chance import DEVIATIONS, IMPROBABLE, NEARLY_ALL
+from cldit.dit.fingerprint import EIGHTH, Fingerprint
 from cldit.dit.shots import AllSums, Sums, thumbnail_edges
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 from cldit.errors import EvaluationError
 
-_CHANCE = 1e-3  # number of rows that chance reports in a whole recording
-_PART = 8  # of the width, and pixels, that have one value at least
-_USUAL = 0.9  # share of the images in which such a row belongs to the camera
-_DEVIATES = 6.0  # standard deviations: by chance, one of 5e8 blocks
-_MOST = 5  # rows that are listed
 _LEAST_LAG = 0.002  # of the image before, that is worth a warning
 _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain
 
@@ -38,23 +34,24 @@ def damaged(sums: AllSums) -> dict[str, str]:
         return {}
     high, wide = groups[0].total.shape
     alike = min(0.9, 0.3 / noise) if all(group.rounded for group in groups) else 1e-3
-    fewest = np.log(_CHANCE / (len(ids) * high * wide)) / np.log(alike)
+    # pixels of a row with which chance reports IMPROBABLE rows in a whole recording
+    fewest = np.log(IMPROBABLE / (len(ids) * high * wide)) / np.log(alike)
     rows = np.stack([frame.rows for frame in frames])
     owner = np.tile(np.arange(len(ids))[:, None], high)
-    for row in range(high // 8, high - high // 8):
+    for row in range(high // EIGHTH, high - high // EIGHTH):
         _, first_image, inverse = np.unique(rows[:, row], return_index=True, return_inverse=True)
         owner[:, row] = first_image[inverse]
     old = owner != np.arange(len(ids))[:, None]
-    lost = np.stack([frame.runs for frame in frames]) >= max(fewest, _PART, wide // _PART)
-    old &= ~lost & (old.mean(axis=0) < _USUAL)
+    lost = np.stack([frame.runs for frame in frames]) >= max(fewest, EIGHTH, wide // EIGHTH)
+    old &= ~lost & (old.mean(axis=0) < NEARLY_ALL)
     old &= np.stack([frame.free for frame in frames]) >= fewest
-    lost &= lost.mean(axis=0) < _USUAL
+    lost &= lost.mean(axis=0) < NEARLY_ALL
     lost &= np.concatenate([_deviates(group, float(noise)) for group in groups])
     messages: dict[str, str] = {}
     for number, name in enumerate(ids):
         if lost[number].any():
             messages[name] = f"shot {name}: lost lines: {_listed(lost[number])} have one value"
-        elif old[number].any() and old[number].sum() < high - 2 * (high // 8):
+        elif old[number].any() and old[number].sum() < high - 2 * (high // EIGHTH):
             source = ids[np.bincount(owner[number, old[number]]).argmax()]
             messages[name] = (
                 f"shot {name}: half-old frame: {_listed(old[number])} are those of {source}"
@@ -68,15 +65,17 @@ def _deviates(group: Sums, noise: float) -> Mask:
     off = np.abs(small - np.median(small, axis=0)).max(axis=2)
     high = group.total.shape[0]
     block = np.searchsorted(thumbnail_edges(high), np.arange(high), side="right") - 1
-    return np.asarray(off[:, block] > _DEVIATES * noise / np.sqrt(group.total.size / small[0].size))
+    return np.asarray(
+        off[:, block] > DEVIATIONS * noise / np.sqrt(group.total.size / small[0].size)
+    )
 
 
 def _listed(rows: Mask) -> str:
     numbers = np.flatnonzero(rows)
     if numbers.size > 2 and np.ptp(numbers) == numbers.size - 1:
         return f"rows {numbers[0]} to {numbers[-1]}"
-    remainder = f", .. ({numbers.size} of {rows.size})" if numbers.size > _MOST else ""
-    return f"rows {', '.join(map(str, numbers[:_MOST]))}{remainder}"
+    remainder = f", .. ({numbers.size} of {rows.size})" if numbers.size > 2 else ""
+    return f"rows {', '.join(map(str, numbers[:2]))}{remainder}"
 
 
 def check_depths(sums: AllSums) -> None:
@@ -157,7 +156,7 @@ def lag(sums: AllSums) -> Witness | None:
     if not square > 0.0:
         return None
     share, noise = product / square, np.sqrt(rest / count / square)
-    if share < max(_DEVIATES * noise, _LEAST_LAG):
+    if share < max(DEVIATIONS * noise, _LEAST_LAG):
         return None
     return Witness(
         name="repeats",

@@ -49,27 +49,17 @@ _NEARBY = 3  # pixels: edge of the neighbourhood, nine times the degrees of free
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommonError:
-    """An error that references and injections of one background share.
+class SharedError:
+    """An error that references and injections share.
 
-    variance: (K,) or, of single pixels, (K, N). reference, injection: (N,) or (K, N), change of
-    either mean by an error of 1.
-    """
-
-    variance: Floats
-    reference: Floats
-    injection: Floats
-
-
-@dataclass(frozen=True, kw_only=True)
-class SteadyError:
-    """One error of variance 1 for all backgrounds.
-
-    reference, injection: (K, N), change of either mean by an error of 1.
+    reference, injection: (N,) or (K, N), change of either mean by an error of 1. variance: (K,) or,
+    of single pixels, (K, N), if it is independent at each background; None: one number of variance
+    1 for all backgrounds (steady, (K, N)).
     """
 
     reference: Floats
     injection: Floats
+    variance: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -109,8 +99,7 @@ def fit_pair(
     *,
     variance: tuple[Floats, Floats],
     usable: Mask,
-    common: Sequence[CommonError] = (),
-    steady: Sequence[SteadyError] = (),
+    errors: Sequence[SharedError] = (),
     with_shared: bool = False,
 ) -> Pair:
     """Generalised least squares over the backgrounds; see the module.
@@ -120,14 +109,14 @@ def fit_pair(
         mean, variance: (K, N) of either kind; finite. Variances that are all 0 mean no noise: all
             backgrounds then have the same weight, and the covariance is 0.
         usable: (K, N) False excludes a background.
-        common: errors that both kinds share, independent at each background.
-        steady: errors that are one number for all backgrounds; ignored without noise.
-        with_shared: compute `Pair.shared`, of common errors of all pixels and of steady ones.
+        errors: those that both kinds share; steady ones are ignored without noise.
+        with_shared: compute `Pair.shared`, of errors that all pixels have in common.
     """
     unit = float(np.max(np.abs(source)))
     lines = source[0][:, None] / unit, source[1][:, None] / unit
     signals = mean[0] / unit, mean[1] / unit
     noisy = any(bool(np.any(values)) for values in variance)
+    common = [(e.variance, e.reference, e.injection) for e in errors if e.variance is not None]
     weight = _Weight.of(variance, common, usable, unit=unit)
     determined = _determined(lines, usable)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -139,16 +128,17 @@ def fit_pair(
     chi2 = weight.chi2(residuals)
     columns = [
         tuple(np.where(usable, part, 0.0) / unit for part in (error.reference, error.injection))
-        for error in (steady if noisy else ())
+        for error in errors
+        if noisy and error.variance is None
     ]
     eliminated = _Steady.of(columns, weight, lines=lines, covariance=covariance)
-    seen = [(r * residuals[0] + i * residuals[1]).sum(axis=0) for r, i in eliminated.weighted]
-    values, decrease = eliminated.values(values, seen)
+    values, decrease = eliminated.values(
+        values, [_sum(column, residuals) for column in eliminated.weighted]
+    )
     shared = []
-    for k, error in _deviations(common, unit) if with_shared and noisy else ():
-        ref, inj = weight.at(k).times(error)
-        design = np.stack([lines[0][k] * ref, ref, lines[1][k] * inj, inj])
-        shown = [r[k] * error[0] + i[k] * error[1] for r, i in eliminated.weighted]
+    for row, deviation in _deviations(common, unit) if with_shared and noisy else ():
+        design = _in_design(_at(lines, row), weight.at(row).times(deviation))
+        shown = [_sum(_at(column, row), deviation) for column in eliminated.weighted]
         shared.append(eliminated.of_error(_times(covariance, design), shown))
     if with_shared:
         shared += [eliminated.of_error(by, list(shown)) for by, shown in eliminated.isolated]
@@ -167,6 +157,8 @@ def fit_pair(
 
 _ByKind = tuple[Floats, ...]
 """Arrays (K, N) or (K, 1) of references and of injections."""
+_Common = tuple[Floats, Floats, Floats]
+"""Variance and factors p and q of a common error."""
 
 
 @dataclass(frozen=True)
@@ -180,14 +172,14 @@ class _Weight:
 
     @classmethod
     def of(
-        cls, variance: _ByKind, common: Sequence[CommonError], usable: Mask, *, unit: float
+        cls, variance: _ByKind, common: Sequence[_Common], usable: Mask, *, unit: float
     ) -> "_Weight":
         """The weight in units of `unit`^-2; 0 where a mean is not `usable` (K, N)."""
         a, b = (np.where(values > 0.0, values / unit**2, 1.0) for values in variance)
         scaled = [
-            (error.variance.reshape(len(usable), -1) / unit**2, error.reference, error.injection)
-            for error in common
-            if np.any(error.variance > 0.0)
+            (size.reshape(len(usable), -1) / unit**2, p, q)
+            for size, p, q in common
+            if np.any(size > 0.0)
         ]
         if not scaled:
             return cls(*(np.where(usable, 1.0 / values, 0.0) for values in (a, b)))
@@ -200,10 +192,10 @@ class _Weight:
             total_a, total_b, c = total_a + d * p**2, total_b + d * q**2, c + d * p * q
         return cls(*(np.where(usable, part / determinant, 0.0) for part in (total_b, total_a, -c)))
 
-    def at(self, k: int) -> "_Weight":
-        """The weight (N,) at one background."""
-        between = None if self.between is None else self.between[k]
-        return _Weight(self.reference[k], self.injection[k], between)
+    def at(self, row: slice) -> "_Weight":
+        """The weight (1, N) at one background."""
+        between = None if self.between is None else self.between[row]
+        return _Weight(self.reference[row], self.injection[row], between)
 
     def times(self, values: _ByKind) -> _ByKind:
         """V^-1 y (K, N) by kind, of the `values` y."""
@@ -249,16 +241,23 @@ def _residuals(signals: _ByKind, lines: _ByKind, values: Floats) -> _ByKind:
     )
 
 
-def _deviations(common: Sequence[CommonError], unit: float) -> Iterator[tuple[int, _ByKind]]:
-    """Background of each error that all pixels have in common, and one standard deviation (N,) of
-    it in both kinds there."""
-    for error in common:
-        for k in np.flatnonzero(error.variance) if error.variance.ndim == 1 else ():
-            size = np.sqrt(error.variance[k]) / unit
-            p, q = (
-                part[k] if part.ndim == 2 else part for part in (error.reference, error.injection)
-            )
-            yield int(k), (size * p, size * q)
+def _deviations(common: Sequence[_Common], unit: float) -> Iterator[tuple[slice, _ByKind]]:
+    """Background of each error that all pixels have in common, and one standard deviation (1, N)
+    of it in both kinds there."""
+    for variance, *factors in common:
+        for k in np.flatnonzero(variance) if variance.ndim == 1 else ():
+            row, size = slice(k, k + 1), np.sqrt(variance[k]) / unit
+            yield row, tuple(size * (part[row] if part.ndim == 2 else part[None])
+                             for part in factors)  # fmt: skip
+
+
+def _at(arrays: _ByKind, row: slice) -> _ByKind:
+    return tuple(array[row] for array in arrays)
+
+
+def _sum(weighted: _ByKind, values: _ByKind) -> Floats:
+    """Products (N,) of `weighted` means and the `values` of both kinds."""
+    return np.asarray((weighted[0] * values[0] + weighted[1] * values[1]).sum(axis=0))
 
 
 def _in_design(lines: _ByKind, weighted: _ByKind) -> Floats:
@@ -298,10 +297,9 @@ class _Steady:
         in_design = [_in_design(lines, column) for column in weighted]
         change = np.array([_times(covariance, column) for column in in_design])
         products = np.empty((len(columns), len(columns), change.shape[2]))
-        for row, (r, i) in enumerate(weighted):
-            for column, (u_r, u_i) in enumerate(columns[: row + 1]):
-                products[row, column] = (r * u_r + i * u_i).sum(axis=0)
-                products[column, row] = products[row, column]
+        for row, of_row in enumerate(weighted):
+            for column, error in enumerate(columns[: row + 1]):
+                products[row, column] = products[column, row] = _sum(of_row, error)
         size = products - np.array([(design * change).sum(axis=1) for design in in_design])
         added = np.zeros_like(covariance)
         isolated = list(zip(change, products, strict=True))

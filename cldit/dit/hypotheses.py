@@ -8,15 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, ndtr
 
 from cldit.arrays import Floats, Mask
 from cldit.constants import ZERO_CELSIUS_K
+from cldit.dit.chance import REMAINING
+from cldit.dit.solve import DETECTION
 from cldit.dit.witness.patterns import Patterns
 
 _CHANCE = 1e-4  # probability of a larger chi-square, up to which a cause fits
-_REMAINING = 0.01  # of chi-square without a cause: a tenth of the deviations remains
-_WITHIN = 0.0027  # probability of a difference of chi-square by chance: three standard deviations
 
 UNITS: dict[str, Callable[[Floats], Floats]] = {
     "degrees Celsius: they fit with 273.15 added": lambda at: at + ZERO_CELSIUS_K,
@@ -59,7 +59,7 @@ class Hypothesis:
 
 
 def _by_chance(unknowns: int) -> float:
-    return float(chdtri(unknowns, _WITHIN)) if unknowns else 0.0
+    return float(chdtri(unknowns, 2.0 * ndtr(-DETECTION))) if unknowns else 0.0
 
 
 def fitted(candidates: Sequence[Hypothesis], *, none: float, degrees: int) -> list[Hypothesis]:
@@ -71,7 +71,7 @@ def fitted(candidates: Sequence[Hypothesis], *, none: float, degrees: int) -> li
     def fits(cause: Hypothesis) -> bool:
         remaining = degrees - cause.unknowns
         return cause.chi2 <= max(
-            _REMAINING * none, float(chdtri(remaining, _CHANCE)) if remaining > 0 else 0.0
+            REMAINING**2 * none, float(chdtri(remaining, _CHANCE)) if remaining > 0 else 0.0
         )
 
     good = sorted((cause for cause in candidates if fits(cause)), key=lambda cause: cause.score)

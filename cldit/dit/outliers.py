@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from cldit.arrays import Floats
+from cldit.dit.chance import DEVIATIONS, REMAINING, usual
 from cldit.dit.shots import AllSums, Sums, thumbnail_edges
 from cldit.dit.solve import KINDS
 from cldit.errors import EvaluationError
 
-OUTLIER_DEVIATIONS = 6.0  # from which a shot is reported and does not count
-_LEAST_SHOTS = 3  # per background: of two that differ, neither is the outlier
-_MIRRORED = 0.1  # residual of swapped over recorded kinds: a swap explains 99 % of the squares
+LEAST_SHOTS = 3  # per background: of two that differ, neither is the outlier
 _FAINT = 0.3  # of the largest Delta I: below it the scatter does not shrink further
 _PART = 3.0  # usual largest deviations of a block, for an outlier in part of the image
 _LEAST_PART = 8.0  # standard deviations of a block, likewise; chance reaches 5 in 10^6 blocks
@@ -44,7 +43,7 @@ def outliers(sums: AllSums) -> tuple[Outlier, ...]:
 
     Distances are RMS over the blocks of the thumbnails, or the largest of one block. Injections
     scatter in proportion to the signal of the spray, references by the camera's noise; relative to
-    these, 1.4826 times the median over all backgrounds is the usual distance. A background with
+    these, the usual distance is that of the median over all backgrounds. A background with
     fewer than three shots, or with equal ones (saturated), is ignored.
     """
     detected: list[Outlier] = []
@@ -60,7 +59,7 @@ def outliers(sums: AllSums) -> tuple[Outlier, ...]:
         parts: dict[str, tuple[float, str]] = {}
         for (setpoint, group_kind), group in sums.items():
             repeated = group.exposures < len(group.ids)
-            if group_kind != kind or len(group.ids) < _LEAST_SHOTS or repeated:
+            if group_kind != kind or len(group.ids) < LEAST_SHOTS or repeated:
                 continue
             noise = _noise(sums[setpoint, "reference"])
             size = noise
@@ -75,14 +74,14 @@ def outliers(sums: AllSums) -> tuple[Outlier, ...]:
             block = noise / np.sqrt(group.total.size / pattern.size)
             worst = _worst(deviations, pattern, noise=block, shape=group.total.shape)
             parts |= dict(zip(group.ids, worst, strict=True))
-        usual = 1.4826 * float(np.median(list(distance.values()))) if distance else 0.0
+        scale = usual(np.array(list(distance.values()))) if distance else 0.0
         usual_part = max(
             _LEAST_PART / _PART, float(np.median([peak for peak, _ in parts.values()] or [0.0]))
         )
         for name, off in distance.items():
-            ratio = off / usual if usual > 0.0 else 0.0
+            ratio = off / scale if scale > 0.0 else 0.0
             part, where = parts[name]
-            if ratio > OUTLIER_DEVIATIONS:
+            if ratio > DEVIATIONS:
                 detected.append(Outlier(name, ratio))
             elif part > _PART * usual_part:
                 detected.append(Outlier(name, part / usual_part, where))
@@ -101,7 +100,7 @@ def _worst(
     share = np.median(deviations[:, strong] / pattern[strong], axis=1) if pattern.any() else 0.0
     rest = np.abs(deviations - np.multiply.outer(share, pattern))
     nearby = maximum_filter(np.abs(pattern), 3)
-    spread = 1.4826 * float(np.median(rest[:, strong] / nearby[strong])) if pattern.any() else 0.0
+    spread = usual(rest[:, strong] / nearby[strong]) if pattern.any() else 0.0
     relative = rest / np.hypot(noise, spread * nearby)
     rows, columns = (np.append(thumbnail_edges(n), n) for n in shape)
     worst: list[tuple[float, str]] = []
@@ -120,8 +119,9 @@ def _noise(references: Sums) -> float:
     """Noise of a pixel: by the variance of references, which one outlier may spoil, or the median
     deviation of their blocks; else that of counts."""
     small = np.array(references.thumbnails, float)
-    usual = 1.4826 * float(np.median(np.abs(small - np.median(small, axis=0))))
-    of_blocks = usual * np.sqrt(references.total.size / small[0].size)
+    of_blocks = usual(small - np.median(small, axis=0)) * np.sqrt(
+        references.total.size / small[0].size
+    )
     seen = np.sqrt(float(np.median(references.variance())))
     level = np.sqrt(max(float(np.mean(np.abs(references.mean()))), 1e-30))
     return float(min((estimate for estimate in (seen, of_blocks) if estimate > 0.0), default=level))
@@ -157,7 +157,7 @@ def check_not_mirrored(sums: AllSums, sources: Mapping[str, Floats]) -> None:
         noise = _noise(sums[setpoints[number], "reference"])  # far above that of blocks
         if _rms(expected) > noise and swapped < best * recorded:
             best, where = swapped / recorded, number
-    if best < _MIRRORED:
+    if best < REMAINING:
         raise EvaluationError(
             f"background {setpoints[where]:g} K: the spray's signal is opposite to that at the "
             "others; are its references and injections swapped?"

@@ -15,8 +15,6 @@ from cldit.io.files import write_text
 from cldit.io.presented import Presented
 from cldit.io.text_tables import csv_text
 
-_ANGLES = 721  # directions tried for the plume: a quarter of a degree apart
-
 
 @dataclass(frozen=True)
 class Profile(Presented):
@@ -107,8 +105,10 @@ def _plume_deg(
         _, _, _, row, column = _places(values.shape, pixel_m, centre_m, start_m, angle_deg)
         return float(values[row, column].sum())
 
-    # Of equal sums the direction nearest to straight down.
-    angles = sorted(np.linspace(-90.0, 90.0, _ANGLES), key=abs)
+    # Directions a pixel apart at the end of the longest line; an odd number has straight down. Of
+    # equal sums the one nearest to it.
+    count = 2 * math.ceil(math.pi / 2.0 * math.hypot(*values.shape)) + 1
+    angles = sorted(np.linspace(-90.0, 90.0, count), key=abs)
     return float(max(angles, key=total))
 
 

@@ -14,13 +14,14 @@ from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.dit.agreement import agreeing
 from cldit.dit.budget import Budget, Part, budget, common_parts, curve_boundary
 from cldit.dit.camera_of_shots import completed, defective, seeing, stated_saturation
+from cldit.dit.chance import FEW, IMPROBABLE
 from cldit.dit.drift_axis import DriftAxis, drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
 from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, exclude, ignore_saturated
-from cldit.dit.solve import KINDS, Signals, Solution, solve
+from cldit.dit.solve import KINDS, Signals, solve
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
 from cldit.dit.witness.levels import brightness
@@ -28,6 +29,7 @@ from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
 from cldit.io.origin import Origin, versions
 from cldit.optics.response import from_plain
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.boundary import Boundary
 
 Watch = Callable[[int, int], None]
@@ -35,8 +37,6 @@ Watch = Callable[[int, int], None]
 CurveSource = Literal["planck", "fitted"]
 
 EVALUATION = "evaluation.json"
-IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
-_MUCH = 0.01  # share of saturated pixels that is reported
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,9 +343,10 @@ def _solved(shots: _Shots, checked: _Checked) -> tuple[Maps, tuple[Part, ...], t
         )
 
     full = {setpoint: shots.full(setpoint) for setpoint in setpoints}
-    parts: list[Solution] = []
+    parts: list[Maps] = []
+    shared: list[Floats] = []
     for rows in blocks(full[setpoints[0]].shape, len(setpoints)):
-        part = solve(
+        part, changes = solve(
             signals("reference", rows),
             signals("injection", rows),
             usable=~np.stack([full[setpoint][rows] for setpoint in setpoints]),
@@ -353,16 +354,15 @@ def _solved(shots: _Shots, checked: _Checked) -> tuple[Maps, tuple[Part, ...], t
             drifts=examined.drifts,
             systematic=examined.systematic.rows(rows),
         )
-        reason = part.maps.reason
-        reason[reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
+        part.reason[part.reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
         parts.append(part)
-    maps = stack([solution.maps for solution in parts])
-    kelvin = np.concatenate([solution.shared_K for solution in parts], axis=1)
-    emissivity = np.concatenate([solution.shared_emissivity for solution in parts], axis=1)
+        shared.append(changes)
+    maps = stack(parts)
     degrees = tuple(
         group.spare(steady=steady, common_removed=common_removed) for group in injections
     )
-    return maps, common_parts(maps, kelvin, emissivity), degrees if all(degrees) else ()
+    common = common_parts(maps, *np.concatenate(shared, axis=2))
+    return maps, common, degrees if all(degrees) else ()
 
 
 def _without(maps: Maps, bad: Mask) -> Maps:
@@ -376,7 +376,7 @@ def _without(maps: Maps, bad: Mask) -> Maps:
 
 def _check_not_swapped(maps: Maps) -> None:
     """Checks that the emissivity is positive in most pixels; otherwise the kinds are swapped."""
-    sure = np.maximum(5.0 * maps.emissivity_standard_error, 0.05)
+    sure = np.maximum(5.0 * maps.emissivity_standard_error, VISIBLE_EMISSIVITY)
     negative = int(np.count_nonzero(maps.emissivity < -sure))
     positive = int(np.count_nonzero(maps.emissivity > sure))
     if negative > max(positive, 1e-3 * maps.emissivity.size):
@@ -392,7 +392,7 @@ def _remarks(shots: _Shots, fitted: CurveFit | None) -> list[str]:
         lines.append(f"calibration curve of the references: {fitted.text}")
     for setpoint in shots.setpoints:
         share = float(np.mean(shots.full(setpoint)))
-        if share > _MUCH:
+        if share > FEW:
             lines.append(
                 f"background {setpoint:g} K: {100 * share:.0f} % of the pixels are saturated and "
                 "are evaluated without it"

@@ -166,31 +166,21 @@ def _medium(
     )
 
 
-@dataclass(frozen=True)
-class _Line:
-    """B(T_app) as a linear function of the L_j: omega_j (J, H, W), the constant (H, W), their
-    gradients (J + 1, K) with respect to K radiances, and the errors (K, H, W) of those."""
-
-    shares: Floats
-    rest: Floats
-    gradients: Floats
-    errors: Floats
-
-
-def _line(
+def fitted_shares(
     maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, varied: set[str]
-) -> _Line:
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """B(T_app) as a linear function of the L_j of `varied` parts: omega_j (J, H, W), the constant
+    (H, W), their gradients (J + 1, K) by the K radiances, and the errors (K, H, W) of these."""
     names = [name for name in enclosures[0] if name in varied]
     leaving = np.array([[radiances[name] for name in names] for radiances in enclosures])
     scale = float(np.max(np.abs(leaving)))
-    design = np.column_stack([leaving / scale, np.ones(len(maps))])
-    radiance, error = (
+    radiance, errors = (
         np.stack(images) for images in zip(*(apparent(m, curve) for m in maps), strict=True)
     )
-    gradients = np.linalg.pinv(design)
+    gradients = np.linalg.pinv(np.column_stack([leaving / scale, np.ones(len(maps))]))
     values = np.tensordot(gradients, radiance, axes=1)
     gradients = gradients / np.append(np.full(len(names), scale), 1.0)[:, None]
-    return _Line(values[:-1] / scale, values[-1], gradients, error)
+    return values[:-1] / scale, values[-1], gradients, errors
 
 
 def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
@@ -230,14 +220,14 @@ def medium_of_enclosures(
             f"enclosures: {', '.join(sorted(fixed))} has one temperature only, so its scattered "
             "share is unknown; vary it too, or give a model"
         )
-    line = _line(maps, enclosures, curve, set(enclosures[0]))
-    share = line.shares.sum(axis=0)
-    of_share = line.gradients[:-1].sum(axis=0)
+    shares, rest, gradients, errors = fitted_shares(maps, enclosures, curve, set(enclosures[0]))
+    share = shares.sum(axis=0)
+    of_share = gradients[:-1].sum(axis=0)
     emitted = 1.0 - share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = line.rest / emitted
+        medium = rest / emitted
         # d medium / d radiance_k = (d rest + medium d share) / own
-        change = line.gradients[-1][:, None, None] + medium * of_share[:, None, None]
-        error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / emitted
-    share_error = np.sqrt(np.tensordot(of_share**2, line.errors**2, axes=1))
+        change = gradients[-1][:, None, None] + medium * of_share[:, None, None]
+        error = np.sqrt(np.sum((change * errors) ** 2, axis=0)) / emitted
+    share_error = np.sqrt(np.tensordot(of_share**2, errors**2, axes=1))
     return _medium(curve, medium, error=error, share=share, share_error=share_error)

@@ -45,7 +45,7 @@ from scipy.special import ndtri, stdtr, stdtrit
 
 from cldit.arrays import Floats, Mask
 from cldit.dit.budget import budget
-from cldit.dit.design import MOST_SHOTS, BlackBody, temperatures_K
+from cldit.dit.design import MOST_SHOTS, BlackBody, background_sets
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
@@ -56,7 +56,6 @@ LEVEL, POWER = 0.01, 0.95
 NEEDED = float(ndtri(1.0 - LEVEL) + ndtri(POWER))
 OBSERVABLES = ("T_app", "emissivity")
 DRAWS = "random numbers and curvature"
-_LEVELS = 5  # of the lowest and of the highest background that are tried
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,17 +285,11 @@ class Rivals:
         self, blackbody: BlackBody, *, shot_s: float, counts: Sequence[int] = (2, 3, 5, 7)
     ) -> Separation:
         """The fastest of all sets of backgrounds within the limits."""
-        levels = np.linspace(*blackbody.limits_K, _LEVELS)
-        tried = [
-            backgrounds
-            for count in counts
-            for low in levels
-            for high in levels[levels > low]
-            if len(set(backgrounds := temperatures_K(low, high, count))) > 1
-        ]
+        tried = [item for count in counts for item in background_sets(blackbody.limits_K, count)]
         if not tried:
             raise EvaluationError(
-                f"backgrounds: {levels[0]:g} K alone; two models are separated with two or more"
+                f"backgrounds: {blackbody.limits_K[0]:g} K alone; two models are separated with "
+                "two or more"
             )
         plans = [self._plan(backgrounds, blackbody, shot_s) for backgrounds in tried]
         best = min(plans, key=lambda plan: plan.order)

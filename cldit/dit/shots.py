@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
+from cldit.dit.chance import NEARLY_ALL
 from cldit.dit.drift_axis import Place
-from cldit.dit.frame import Fingerprint, inner
+from cldit.dit.fingerprint import Fingerprint, inner
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 
 _LEAST_PIXELS = 16  # with noise of one count they are equal in one of 10^6 images
-_ALL = 0.95  # share of saturated pixels at which a background is ignored
+THUMBNAIL = 32  # blocks along either axis, at most: 1,000 of them show a spray
 _WHOLE = slice(None)  # all rows of an image
 
 
@@ -187,7 +188,7 @@ AllSums = Mapping[tuple[float, str], Sums]
 
 
 def thumbnail(counts: Floats) -> NDArray[np.float32]:
-    """Means of `counts` (h, w) over blocks, at most 32 x 32 of them."""
+    """Means of `counts` (h, w) over blocks, at most `THUMBNAIL` along either axis."""
     rows, columns = (thumbnail_edges(n) for n in counts.shape)
     total = np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
     high, wide = (
@@ -198,7 +199,7 @@ def thumbnail(counts: Floats) -> NDArray[np.float32]:
 
 def thumbnail_edges(pixels: int) -> NDArray[np.intp]:
     """First pixel of each block of a thumbnail along an axis with so many pixels."""
-    return np.unique(np.linspace(0, pixels, min(pixels, 32), endpoint=False).astype(np.intp))
+    return np.unique(np.linspace(0, pixels, min(pixels, THUMBNAIL), endpoint=False).astype(np.intp))
 
 
 def check_shots(shots: Sequence[Shot]) -> list[float]:
@@ -342,7 +343,7 @@ def ignore_saturated(sums: dict[tuple[float, str], Sums], bad: Mask | None) -> l
         for kind in ("reference", "injection"):
             full = sums[setpoint, kind].full
             share = float(np.mean(full if bad is None else full[~bad]))
-            if share > _ALL:
+            if share > NEARLY_ALL:
                 lines.append(
                     f"background {setpoint:g} K: {100 * share:.0f} % of the pixels of its {kind}s "
                     "are saturated; it is ignored"

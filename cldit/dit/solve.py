@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.dit.fit import (
-    CommonError,
     Pair,
-    SteadyError,
+    SharedError,
     apparent_radiance,
     emissivity,
     emissivity_gradient,
@@ -25,7 +24,7 @@ from cldit.dit.fit import (
 from cldit.dit.maps import Maps, Reason
 from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
 
-_AGAIN = 2  # iterations for a drifting gain: the error falls by a factor of the drift with each
+GAIN_ITERATIONS = 2  # the error falls by a factor of the relative drift, 0.1 at most, with each
 DETECTION = 3.0  # least emissivity in standard errors ...
 _ROUNDING = 16 * np.finfo(float).eps  # of the sums of a fit, over the largest signal
 LEAST_EMISSIVITY = 1e-4  # ... and at all: the accuracy of a trace
@@ -38,24 +37,28 @@ Cause = Literal["black body", "offset", "gain", "curvature", "amount"]
 class Drift:
     """An error that references and injections of a background share, or all pixels of injections.
 
+    It is a term of the fit. Parts of shape (1,) or (1, 1) are 0.
+
     cause: black body, camera's offset, gain or curvature, with the factors slope, 1, signal and
         signal^2, or the amount of spray, of injections alone.
     variance: (K,) of the mean at each background, independent; radiance^2, for the gain relative.
     modes: (M, K) of a steady drift, in the root of these units: each mode is one random number of
         variance 1 for all backgrounds and causes. excess: (M, K) by how much larger it is in
-        the injections; None: equal. course: (K,) of that drift, as estimated.
+        the injections; None: equal. rate: (K,) of that drift per interval of the axis. course: (K,)
+        of it in the references' means.
     scatter: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
         between successive exposures; the slow rest cancels if the kinds alternate.
     band: share of the filter in which the spray absorbs, of an amount.
     """
 
     cause: Cause
-    variance: Floats
-    modes: Floats
-    course: Floats
-    scatter: Floats
-    jitter: Floats
+    variance: Floats = field(default_factory=partial(np.zeros, 1))
+    modes: Floats = field(default_factory=partial(np.zeros, (1, 1)))
     excess: Floats | None = None
+    rate: Floats = field(default_factory=partial(np.zeros, 1))
+    course: Floats = field(default_factory=partial(np.zeros, 1))
+    scatter: Floats = field(default_factory=partial(np.zeros, 1))
+    jitter: Floats = field(default_factory=partial(np.zeros, 1))
     band: float = 1.0
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
@@ -161,17 +164,6 @@ class Signals:
     common_removed: bool = False
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Maps (...), and changes (M, ...) of T_app [K] and emissivity by one standard deviation of
-    each of M errors that all pixels have in common; the standard errors of the maps contain them.
-    """
-
-    maps: Maps
-    shared_K: Floats
-    shared_emissivity: Floats
-
-
 def solve(
     reference: Signals,
     injection: Signals,
@@ -181,8 +173,11 @@ def solve(
     drifts: Sequence[Drift] = (),
     systematic: Systematic | None = None,
     exact: bool = False,
-) -> Solution:
+) -> tuple[Maps, Floats]:
     """Maps of the pixels (...), and the errors that they have in common.
+
+    These are changes (2, M, ...) of T_app [K] and emissivity by one standard deviation of each of M
+    errors; the standard errors of the maps contain them.
 
     Standard errors include the camera's noise and, for injections, additional scatter between shots
     (`shot_scatter`, with two shots or more per background). References scatter by the camera's
@@ -211,7 +206,7 @@ def solve(
         extra={} if systematic is None else systematic.extra,
     )
     lines = fit.start()
-    iterations = 1 + (_AGAIN if np.any(fit.gain != 1.0) else 0)
+    iterations = 1 + (GAIN_ITERATIONS if np.any(fit.gain != 1.0) else 0)
     for number in range(1, iterations + 1):
         lines = fit.again(lines, with_shared=number == iterations)
     if systematic is not None:
@@ -224,21 +219,19 @@ def solve(
         least_visible=VISIBLE_EMISSIVITY if exact else np.inf,
         rounding=_ROUNDING * fit.largest_signal,
     )
-    return _with_common_errors(maps, lines, curve)
+    return maps, _common_errors(maps, lines, curve)
 
 
-def _with_common_errors(maps: Maps, lines: Pair, curve: Curve) -> Solution:
+def _common_errors(maps: Maps, lines: Pair, curve: Curve) -> Floats:
     shape = maps.reason.shape
     if lines.shared is None:
-        nothing = np.zeros((0, *shape))
-        return Solution(maps, nothing, nothing)
+        return np.zeros((2, 0, *shape))
     radiance = apparent_radiance(lines)[0]
     with np.errstate(invalid="ignore", over="ignore"):
         slope = curve.temperature_slope(np.where(maps.reason.ravel() == 0, radiance, np.nan))
         of_radiance = np.einsum("mni,ni->mn", lines.shared, radiance_gradient(lines))
         of_emissivity = np.einsum("mni,ni->mn", lines.shared, emissivity_gradient(lines))
-    images = (-1, *shape)
-    return Solution(maps, (of_radiance * slope).reshape(images), of_emissivity.reshape(images))
+    return np.stack([of_radiance * slope, of_emissivity]).reshape(2, -1, *shape)
 
 
 _ByKind = tuple[Floats, Floats]
@@ -315,14 +308,7 @@ class _Fit:
             ),
             variance=self._variance([noise[0] + scatter[0], noise[1] + scatter[1]]),
             usable=self.usable,
-            common=self._common(line, factors),
-            steady=[
-                SteadyError(
-                    reference=np.sum([mode[:, None] * p for mode, _, (p, _) in parts], axis=0),
-                    injection=np.sum([mode[:, None] * q for _, mode, (_, q) in parts], axis=0),
-                )
-                for parts in _modes(self.drifts, factors)
-            ],
+            errors=[*self._common(line, factors), *_steady(self.drifts, factors)],
             with_shared=with_shared,
         )
 
@@ -361,37 +347,34 @@ class _Fit:
                 scatter[kind] = scatter[kind] + drift.jitter[:, None] * factor**2
         return scatter
 
-    def _common(self, line: _ByKind, factors: Sequence[_ByKind]) -> list[CommonError]:
+    def _common(self, line: _ByKind, factors: Sequence[_ByKind]) -> list[SharedError]:
         """Errors that both kinds share, independent at each background."""
         ones = np.ones(self.usable.shape[1])
         return [
-            CommonError(variance=drift.variance, reference=p, injection=q)
+            SharedError(variance=drift.variance, reference=p, injection=q)
             for drift, (p, q) in zip(self.drifts, factors, strict=True)
         ] + [
-            CommonError(variance=self._flat(self.extra[name]), reference=p, injection=q)
+            SharedError(variance=self._flat(self.extra[name]), reference=p, injection=q)
             for name, (p, q) in (("offset", (ones, ones)), ("gain", line))
             if name in self.extra
         ]
 
 
-def _modes(
-    drifts: Sequence[Drift], factors: Sequence[_ByKind]
-) -> list[list[tuple[Floats, Floats, _ByKind]]]:
-    """Courses (K,) in both kinds and their factors, by mode and cause."""
-    steady = [
-        (drift.modes, drift.modes + (0.0 if drift.excess is None else drift.excess), by_kind)
-        for drift, by_kind in zip(drifts, factors, strict=True)
-        if drift.modes.any()
-    ]
-    count = max((len(reference) for reference, _, _ in steady), default=0)
-    return [
-        [
-            (reference[m], injection[m], by_kind)
-            for reference, injection, by_kind in steady
-            if m < len(reference)
-        ]
-        for m in range(count)
-    ]
+def _steady(drifts: Sequence[Drift], factors: Sequence[_ByKind]) -> list[SharedError]:
+    """Steady drifts: an error for each mode, with the parts of all causes."""
+    errors: list[SharedError] = []
+    for mode in range(max((len(d.modes) for d in drifts if d.modes.any()), default=0)):
+        reference, injection = [], []
+        for drift, (p, q) in zip(drifts, factors, strict=True):
+            if drift.modes.any() and mode < len(drift.modes):
+                course = drift.modes[mode]
+                excess = 0.0 if drift.excess is None else drift.excess[mode]
+                reference.append(course[:, None] * p)
+                injection.append((course + excess)[:, None] * q)
+        errors.append(
+            SharedError(reference=np.sum(reference, axis=0), injection=np.sum(injection, axis=0))
+        )
+    return errors
 
 
 def _maps(

@@ -1,4 +1,4 @@
-"""Bias and errors of the evaluation of known sprays; time and memory for many full frames.
+"""Time and memory of an evaluation of many full frames.
 
 python -m tests.bench evaluation --shots 1000
 """
@@ -26,7 +26,6 @@ from tests.verify.evaluation_bias import (
     BARE,
     CAMERA,
     FILTER_UM,
-    evaluation_bias,
 )
 
 
@@ -126,17 +125,11 @@ def bench_evaluation(
 
 
 def main() -> None:
-    """Prints the bias by emissivity, and time and memory."""
+    """Prints time and memory."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shots", type=int, default=1000)
     parser.add_argument("--folder", help="of the images, which are removed")
     given = parser.parse_args()
-    print("surroundings, emissivity, T bias / K, T error / K, T chi2, eps bias, eps chi2")
-    for row in evaluation_bias():
-        print(
-            f"{row.surroundings}, {row.emissivity:g}, {row.bias_K:+.3f}, {row.error_K:.3f}, "
-            f"{row.chi2_K:.2f}, {row.emissivity_bias:+.1e}, {row.chi2_emissivity:.2f}"
-        )
     with tempfile.TemporaryDirectory(dir=given.folder, prefix="cldit-bench-") as place:
         found = bench_evaluation(Path(place), shots=given.shots)
     print(

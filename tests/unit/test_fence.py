@@ -31,7 +31,7 @@ BUDGETS: dict[str, int] = {
     "cldit": 250,
     "cli": 3000,
     "comparison": 2750,
-    "dit": 7250,
+    "dit": 7000,
     "drivers": 3750,
     "gpu": 1250,
     "io": 2000,

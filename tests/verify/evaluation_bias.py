@@ -1,4 +1,4 @@
-"""Bias and errors of the evaluation on shots that were made from a known spray."""
+"""Shots in memory of a known spray, for tests of the evaluation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.camera.calibration import Calibration
-from cldit.dit.recorded import evaluate_shots
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.scene.vessel import Window
@@ -40,22 +39,6 @@ FULL = Surroundings(
 
 
 @dataclass(frozen=True)
-class BiasRow:
-    """Pixels of one emissivity. bias_K, error_K: of T_app, in the mean, and as stated.
-
-    chi2_K, chi2_emissivity: variance about the truth over the stated one; 1 is right.
-    """
-
-    surroundings: str
-    emissivity: float
-    bias_K: float
-    error_K: float
-    chi2_K: float
-    emissivity_bias: float
-    chi2_emissivity: float
-
-
-@dataclass(frozen=True)
 class Shot:
     """A picture (rows, columns), as the evaluation wants its shots."""
 
@@ -79,39 +62,6 @@ class Recorded:
     def load(self, shot: Shot) -> NDArray[Any]:
         """The picture of a shot, (rows, columns)."""
         return shot.image
-
-
-def evaluation_bias(*, side: int = 64, shots: int = 40) -> list[BiasRow]:
-    """Evaluates `shots` of `side` x `side` pixels of each emissivity, at 430 K."""
-    rows: list[BiasRow] = []
-    for name, around in (
-        ("none", BARE),
-        ("grey background, two windows, pixels that differ", FULL),
-    ):
-        maps = evaluate_shots(record(around, side=side, shots=shots, pattern=around is FULL)).maps
-        for number, epsilon in enumerate(EMISSIVITIES):
-            part = slice(number * side, (number + 1) * side)
-            temperature_K, error, found, spread = (
-                image[:, part].astype(float)
-                for image in (
-                    maps.apparent_temperature_K,
-                    maps.apparent_temperature_standard_error_K,
-                    maps.emissivity,
-                    maps.emissivity_standard_error,
-                )
-            )
-            rows.append(
-                BiasRow(
-                    surroundings=name,
-                    emissivity=epsilon,
-                    bias_K=float(np.nanmean(temperature_K) - TRUTH_K),
-                    error_K=float(np.nanmean(error)),
-                    chi2_K=float(np.nanmean((temperature_K - TRUTH_K) ** 2) / np.nanmean(error**2)),
-                    emissivity_bias=float(np.mean(found) - epsilon),
-                    chi2_emissivity=float(np.mean((found - epsilon) ** 2) / np.mean(spread**2)),
-                )
-            )
-    return rows
 
 
 def record(

@@ -150,7 +150,7 @@ def test_variances_are_those_of_brute_force() -> None:
 
     maps = solve(
         signals(bare, m), signals(spray, n), usable=np.ones((3, 4000), bool), curve=subject.curve
-    ).maps
+    )[0]
     expected = variances[:, 0, pixel] / n + variances[:, 1, pixel] / m
     # 4000 repetitions: 2.2 %; 4 of these
     assert np.var(maps.apparent_temperature_K) == pytest.approx(expected[0], rel=0.09)

@@ -8,12 +8,8 @@ temperature beyond it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
@@ -31,33 +27,13 @@ SIDE = 64
 SPRAY_K = 430.0
 
 
-@dataclass(frozen=True)
-class _Shot:
-    id: str
-    kind: str
-    background_setpoint_K: float
-    background_K: float
-
-
-@dataclass(frozen=True)
-class _Recorded:
-    calibration: dict[str, Any]
-    shots: list[_Shot]
-    images: dict[str, NDArray[np.uint16]]
-    bad_pixels: None = None
-    surroundings: Surroundings = AROUND
-
-    def load(self, shot: _Shot) -> NDArray[np.uint16]:
-        return self.images[shot.id]
-
-
 def _evaluated(
     *, shots: int, depth: float, depth_scatter: float = 0.0, temperature_scatter_K: float = 0.0
 ) -> Maps:
     camera = Camera(sensor=Sensor(pixels=(SIDE, SIDE), bad_pixels=0))
     model = SensorModel.from_scene(Scene(name="t", spray=EmptySpray(), camera=camera))
     rng = np.random.default_rng(21)
-    recorded = _Recorded(model.calibration().to_dict(), [], {})
+    recorded = Recorded([], AROUND, model.calibration().to_dict())
     for kelvin in (400.0, 440.0, 480.0, 520.0, 560.0):
         for kind in ("reference", "injection"):
             for number in range(shots):
@@ -67,9 +43,9 @@ def _evaluated(
                     warm = SPRAY_K + temperature_scatter_K * rng.standard_normal((SIDE, SIDE))
                     own = band_radiance(warm, filter_um=FILTER)
                     radiance = own + (radiance - own) * np.exp(-there)
-                shot = _Shot(f"{kind}-{kelvin:g}-{number}", kind, kelvin, kelvin)
-                recorded.shots.append(shot)
-                recorded.images[shot.id] = model.expose(radiance, rng)
+                name = f"{kind}-{kelvin:g}-{number}"
+                image = model.expose(radiance, rng)
+                recorded.shots.append(Shot(name, kind, kelvin, kelvin, image))
     return evaluate_shots(recorded).maps
 
 

@@ -333,20 +333,6 @@ def test_the_study_says_what_is_gained(device: Device, tmp_path: Path) -> None:
     assert len(page.table) == len(study.rows) and "K too warm" in page.findings[0]
 
 
-@pytest.mark.slow
-def test_the_study_takes_scenes_with_patches_and_windows(device: Device, tmp_path: Path) -> None:
-    """A cold window in the side wall: two walls and the warmer patch tell, as the model does."""
-    cold = _with_patch(
-        _small(accuracy_K=0.1), name="laboratory", facing=[-1, 0, 0], temperature_K=295.0
-    )
-    data = cold.model_dump(mode="json")
-    data["windows"] = [{"side": "front", "material": "CaF2", "temperature_K": 380.0}]
-    study = scattering_study(parse_scene(data), device, cache=tmp_path)
-    rows = {(row.method, row.needs): row for row in study.rows}
-    assert rows["two walls", "450 and 400 K"].droplets.rms_K < 0.2
-    assert rows["scattered share", "model: right"].droplets.rms_K < 0.2
-
-
 def test_the_study_refuses_what_it_cannot_vary() -> None:
     with pytest.raises(EvaluationError, match="allowed: one with plumes"):
         wrong_models(Scene(name="t", spray=EmptySpray()))

@@ -13,12 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from cldit.camera.curve import Curve
+from cldit.arrays import Floats
 from cldit.dit.recorded import Evaluation, evaluate_shots
-from cldit.radiance.boundary import Boundary
-from tests.laboratory import AROUND, FILTER_UM, Drifts, Laboratory, laboratory
+from tests.laboratory import AROUND, Drifts, Laboratory, laboratory
 
 BANDS = ((0.1, 0.2), (0.2, 0.4), (0.4, 0.85))  # of emissivity
 CREEP = Drifts(offset_counts=1.0)
@@ -28,7 +26,7 @@ def _evaluated(made: Laboratory) -> Evaluation:
     return evaluate_shots(made.recorded)
 
 
-def mean_squares(found: Evaluation, made: Laboratory) -> NDArray[np.float64]:
+def mean_squares(found: Evaluation, made: Laboratory) -> Floats:
     """(bands, 4) mean squares: error of T_app and the stated one, of the emissivity likewise."""
     maps = found.maps
     kelvin = maps.apparent_temperature_K.astype(float)
@@ -94,47 +92,18 @@ def test_errors_with_noise_scatter_and_drift_of_two_seeds() -> None:
     assert emissivity == pytest.approx(1.0, abs=0.3)
 
 
-def _difference_K(made: Laboratory) -> NDArray[np.float64]:
-    """T_app by the plain fit of Delta I over the backgrounds, all counted alike: Eq. (2)."""
-    setpoints = sorted({shot.background_K for shot in made.recorded.shots})
-    means = {
-        kind: np.array(
-            [
-                np.mean(
-                    [
-                        shot.image.astype(float)
-                        for shot in made.recorded.shots
-                        if (shot.kind, shot.background_K) == (kind, background_K)
-                    ],
-                    axis=0,
-                )
-                for background_K in setpoints
-            ]
-        )
-        for kind in ("reference", "injection")
-    }
-    delta = means["injection"] - means["reference"]
-    whole = Boundary.in_filter(AROUND, FILTER_UM, reference_K=480.0)
-    x = whole.leaving(np.array(setpoints))
-    slope, start = np.polyfit(x / x.max(), delta.reshape(len(x), -1), 1)
-    radiance = (-start / slope * x.max()).reshape(delta.shape[1:])
-    return Curve(filter_um=FILTER_UM).temperature(np.maximum(radiance, 0.0))
-
-
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_an_offset_that_creeps_drops_out(seed: int) -> None:
-    """The same shots with and without a creep of 1 count: neither fit of T_app moves.
+    """The same shots with and without a creep of 1 count: T_app does not move.
 
     Rounding to counts is the only other difference: 0.3 counts over sqrt(8), some 0.02 K where
     the noise is 1 K; the medians of a hundred pixels are good to a tenth of the stated error.
     """
     still, creeping = (laboratory(seed, drifts=drifts, scatter=0.0) for drifts in (Drifts(), CREEP))
-    ours = [_evaluated(made).maps.apparent_temperature_K for made in (still, creeping)]
-    plain = [_difference_K(made) for made in (still, creeping)]
+    kelvin = [_evaluated(made).maps.apparent_temperature_K for made in (still, creeping)]
     for low, high in ((0.1, 0.3), (0.3, 0.6), (0.6, 1.0)):
         here = (still.emissivity > low) & (still.emissivity < high)
-        moved = [float(np.nanmedian((two - one)[here])) for one, two in (plain, ours)]
-        assert abs(moved[0]) < 0.05 and abs(moved[1]) < 0.1
+        assert abs(float(np.nanmedian((kelvin[1] - kelvin[0])[here]))) < 0.1
 
 
 def test_the_emissivity_states_what_the_creep_does() -> None:
@@ -156,6 +125,16 @@ def test_a_gain_that_creeps_is_in_the_errors() -> None:
     assert np.all(squares[:, 0] < 1.5 * squares[:, 1])
     assert np.all(squares[:, 2] < 1.5 * squares[:, 3])
     assert any("as if the camera's gain changed" in one.text for one in found.witnesses)
+
+
+def test_a_black_body_that_drifts_is_in_the_errors() -> None:
+    """1 K a minute without scatter: some hundred pixels tell chi2 to 14 %, and two of these are
+    allowed. Without the drift itself in the errors it is 1.5 where the spray is dense."""
+    made = laboratory(10, drifts=Drifts(blackbody_K=1.0), shape=(24, 40), scatter=0.0)
+    found = _evaluated(made)
+    assert [drift.name for drift in found.drifts] == ["black body, steady drift"]
+    squares = mean_squares(found, made)
+    assert np.all(squares[:, 0] < 1.28 * squares[:, 1])
 
 
 def test_blocks_are_told_from_interleaved_shots() -> None:

@@ -11,21 +11,19 @@ temperature within 0.1 K of the truth, spread as stated, and the same lines as s
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve, fit_curve
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError
 from cldit.optics.planck import band_radiance
-from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.radiance.boundary import Surroundings
 from tests.verify.evaluation_bias import (
-    BACKGROUNDS_K,
     BARE,
     CAMERA,
     EMISSIVITIES,
@@ -38,7 +36,7 @@ from tests.verify.evaluation_bias import (
 EMISSIVITY = np.array(EMISSIVITIES)
 
 
-def _split(image: NDArray[np.float32]) -> NDArray[np.float64]:
+def _split(image: NDArray[np.float32]) -> Floats:
     """(6, pixels) by emissivity."""
     return np.stack(
         [part.ravel() for part in np.split(image.astype(float), len(EMISSIVITY), axis=1)]
@@ -97,52 +95,6 @@ def test_unsteady_backgrounds_are_in_the_errors() -> None:
         assert np.all(np.abs(np.nanmean(found, axis=1) - TRUTH_K) < 0.1)
     np.testing.assert_allclose(ratio[0.3], 1.0, atol=0.16)
     assert np.all(ratio[0.0] < 1.2)
-
-
-def test_held_against_scipy() -> None:
-    """Another way to the same: scipy's least_squares over (emissivity, T_app, gain, offset).
-
-    Nonlinear in the temperature itself, with its own covariance; one shot each, so that the errors
-    are the camera's. Agreement to 2 % of a standard error: weights are taken at one's own fit.
-    """
-    recorded = record(FULL, side=3, shots=1, pattern=True)
-    maps = evaluate_shots(recorded).maps
-    whole = Boundary.in_filter(FULL, FILTER_UM, reference_K=480.0)
-    source = whole.leaving(BACKGROUNDS_K)
-    unit = CAMERA.counts_per_radiance * whole.front.transmission
-    counts = {
-        kind: np.stack([s.image for s in recorded.shots if s.kind == kind]).astype(float)
-        for kind in ("reference", "injection")
-    }
-
-    def model(free: NDArray[np.float64]) -> NDArray[np.float64]:
-        epsilon, kelvin, gain, offset = free
-        own = band_radiance(kelvin, filter_um=FILTER_UM)
-        through = (1.0 - epsilon) * source + epsilon * own
-        return np.asarray(gain * unit * np.concatenate([source, through]) + offset)
-
-    def fitted(seen: NDArray[np.float64], sigma: NDArray[np.float64], start: list[float]) -> Any:
-        def off(free: NDArray[np.float64]) -> NDArray[np.float64]:
-            return (model(free) - seen) / sigma
-
-        return least_squares(off, start, x_scale=[0.1, 10.0, 0.1, 50.0], xtol=1e-12)
-
-    for column in range(6, 18):  # from 0.3 on: below, a temperature is not normal
-        for row in range(3):
-            seen = np.concatenate([counts[kind][:, row, column] for kind in counts])
-            sigma = np.sqrt(CAMERA.variance_counts2(seen))
-            start = [0.5, 450.0, 1.0, 500.0]
-            for _ in range(2):
-                fit = fitted(seen, sigma, start)
-                sigma, start = np.sqrt(CAMERA.variance_counts2(model(fit.x))), fit.x.tolist()
-            errors = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
-            at = (row, column)
-            assert abs(maps.emissivity[at] - fit.x[0]) < 0.02 * errors[0]
-            assert abs(maps.apparent_temperature_K[at] - fit.x[1]) < 0.02 * errors[1]
-            got = maps.emissivity_standard_error[at]
-            assert got == pytest.approx(errors[0], rel=0.02)
-            got = maps.apparent_temperature_standard_error_K[at]
-            assert got == pytest.approx(errors[1], rel=0.02)
 
 
 def test_error_grows_without_bound_as_the_spray_vanishes() -> None:

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError
 from tests.verify.evaluation_bias import Shot
 from tests.verify.test_independent_model import Made, made
 
-Image = NDArray[np.float64]
 ICE = 273.15
 
 
@@ -34,7 +33,7 @@ def _stated(to_stated: Callable[[float], float]) -> Callable[[Shot, Any], Shot]:
     return change
 
 
-def _seen(edit: Callable[[Shot, Image], Any]) -> Callable[[Shot, Any], Shot]:
+def _seen(edit: Callable[[Shot, Floats], Any]) -> Callable[[Shot, Any], Shot]:
     """Other counts of each image."""
 
     def change(shot: Shot, _: Any) -> Shot:
@@ -44,7 +43,7 @@ def _seen(edit: Callable[[Shot, Image], Any]) -> Callable[[Shot, Any], Shot]:
     return change
 
 
-def _injections(edit: Callable[[Image], Any]) -> Callable[[Shot, Any], Shot]:
+def _injections(edit: Callable[[Floats], Any]) -> Callable[[Shot, Any], Shot]:
     return _seen(lambda shot, image: edit(image) if shot.kind == "injection" else image)
 
 
@@ -57,7 +56,7 @@ def _off(number: int, kelvin: float) -> Callable[[Shot, Any], Shot]:
     return _stated(lambda at: at - kelvin * (at == _background(number)))
 
 
-def _pattern(image: Image, size: float, *, gain: bool) -> Image:
+def _pattern(image: Floats, size: float, *, gain: bool) -> Floats:
     pattern = size * np.random.default_rng(1).standard_normal(image.shape)
     return image * (1.0 + pattern) if gain else image + pattern
 

@@ -12,16 +12,16 @@ import numpy as np
 
 from cldit.acquisition.witness_names import Acceptable
 from cldit.arrays import Floats, Mask
+from cldit.dit.chance import ALONE, sure
 from cldit.dit.hypotheses import UNITS, Hypothesis, describe, fitted, line_chi2
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, refusal, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, refusal
 
 FLOOR_K = 0.005  # error of mean shares of windows
 CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
 CLEAREST = 0.3  # share of the blocks, those with the least spray
 _COLD_K = 223.0  # colder than any part of a rig, but a common temperature in Celsius
-
-_EXPLAINED = 0.1  # of the squares about the line of all: a third of the deviations remains
+THIN = 0.02  # emissivity of a spray that is hardly seen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +61,7 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
         noise[k] = np.sqrt(variance[k] + weight**2 @ variance[rest]) / (abs(gain) * rise[k])
     total = squares(x, y, rise)
     without = [squares(np.delete(x, k), np.delete(y, k), np.delete(rise, k)) for k in range(count)]
-    lone = int(np.argmin(without)) if count >= 4 and min(without) < _EXPLAINED * total else None
+    lone = int(np.argmin(without)) if count >= 4 and min(without) < ALONE * total else None
     return OffLine(kelvin=kelvin, noise_K=noise, lone=lone)
 
 

@@ -11,43 +11,32 @@ for all backgrounds), over all blocks. All with nearly the smallest remainder wi
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.dit.chance import ALONE, sure
 from cldit.dit.solve import KINDS, Cause, Drift
 from cldit.dit.witness.backgrounds import OffLine, references, slopes
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import sure
 from cldit.dit.witness.trend import Trends, steady, unit, without
 
-_BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
 _DETERMINED = 1e-4  # of the best determined direction: less is undetermined
 _SAME = 1e-12  # variance of parts of Delta I if all shots are equal
 _ALIKE = 1.3  # ratio of remainders up to which causes are not distinguished
 _BENT = 2.0  # the same for the curvature, since no camera bends by signal^2 exactly
-_LONE = 0.1  # of the explained squares: one background alone leaves a third of the deviation
 
 
-@dataclass(frozen=True, kw_only=True)
-class CommonErrors:
-    """Drifts for the fit. cause: in words; empty if references are on their line. through: True if
-    a drift continues through breaks."""
-
-    drifts: tuple[Drift, ...]
-    cause: str
-    through: bool = False
-
-
-def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> CommonErrors:
+def find(
+    evidence: Evidence, off: OffLine | None, *, stated_K: Floats
+) -> tuple[tuple[Drift, ...], str, bool]:
     """Common errors of an acquisition.
 
     off: deviations of the references; None with two backgrounds. stated_K: (K,) standard deviation
-    of each background, stated by the user.
+    of each background, stated by the user. Returns the drifts for the fit, their cause in words
+    (empty if references are on their line), and True if a drift continues through breaks.
     """
-    none = np.zeros(len(evidence.setpoints))
     beyond = off is not None and _beyond(evidence, off)
     trends = steady(evidence, beyond=beyond)
     through = False
@@ -61,36 +50,25 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Common
     cause: Cause = _largest(evidence, trends)
     message = _said([cause]) if beyond else ""
     alike: dict[Cause, Floats] = {}
-    variance = none
     if beyond:
         rest = without(evidence, trends, fitted=True)
         remaining = references(rest, stated_K=stated_K)[1]
         if remaining is not None and _beyond(rest, remaining):
             alike = _causes(rest)
             cause = next(iter(alike))
-            variance = alike[cause]
             message = _said(alike)
     scatter, jitter = _wander(evidence, cause, trends)
-    drifts = {cause: still(cause, none, variance=variance, scatter=scatter, jitter=jitter)}
-    for of, trend in trends.items():
-        drift = drifts.get(of, still(of, none))
-        drifts[of] = replace(drift, modes=trend.modes, course=trend.course, excess=trend.excess)
-    count = max(len(trend.modes) for trend in drifts.values())
-    for of, variance in list(alike.items())[1:]:
-        drifts[of] = replace(drifts.get(of, still(of, none)), variance=variance)
-    if "curvature" in alike:  # one number of its own for all backgrounds
-        modes = np.zeros((count + 1, len(none)))
-        modes[count] = np.sqrt(alike["curvature"])
-        drifts["curvature"] = replace(drifts["curvature"], variance=none, modes=modes)
-    return CommonErrors(drifts=tuple(drifts.values()), cause=message, through=through)
-
-
-def still(cause: Cause, none: Floats, **changes: Any) -> Drift:
-    """Drift of this cause with these `changes`, the others `none`, zeros (K,)."""
-    drift = Drift(
-        cause=cause, variance=none, modes=none[None, :], course=none, scatter=none, jitter=none
-    )
-    return replace(drift, **changes)
+    drifts = {of: trends.get(of, Drift(cause=of)) for of in (cause, *trends, *alike)}
+    drifts[cause] = replace(drifts[cause], scatter=scatter, jitter=jitter)
+    count = max(len(drift.modes) for drift in drifts.values())
+    for of, variance in alike.items():
+        if of == "curvature":  # one number of its own for all backgrounds
+            modes = np.zeros((count + 1, len(variance)))
+            modes[count] = np.sqrt(variance)
+            drifts[of] = replace(drifts[of], modes=modes)
+        else:
+            drifts[of] = replace(drifts[of], variance=variance)
+    return tuple(drifts.values()), message, through
 
 
 def _beyond(evidence: Evidence, off: OffLine) -> bool:
@@ -152,7 +130,7 @@ def _causes(evidence: Evidence) -> dict[Cause, Floats]:
     lone = np.count_nonzero(fits["black body"][1]) == 1
     likely: Cause = "black body" if lone else "offset"
     best = min(fits, key=lambda cause: fits[cause][0])
-    best = likely if fits[likely][0] < _BETTER * fits[best][0] else best
+    best = likely if fits[likely][0] < _ALIKE * fits[best][0] else best
     alike = [best] + [cause for cause in fits if cause != best]
     smallest = min(remainder for remainder, _ in fits.values())
     return {
@@ -209,7 +187,7 @@ def _fitted(evidence: Evidence, factors: dict[str, Floats], *, fixed: bool) -> t
     scale = unit / size
     separate_gains = side**2 / np.diag(kept)
     strongest = int(np.argmax(separate_gains))
-    if count >= 4 and gained - separate_gains[strongest] < _LONE * gained:
+    if count >= 4 and gained - separate_gains[strongest] < ALONE * gained:
         alone_z = np.zeros(count)
         alone_z[strongest] = side[strongest] / kept[strongest, strongest] * scale
         size2 = alone_z**2

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,20 +11,19 @@ from cldit.camera.calibration import Calibration
 from cldit.dit.shots import AllSums, thumbnail
 from cldit.dit.solve import KINDS, Cause, Drift, Systematic, by_amount
 from cldit.dit.witness import backgrounds, drift, images
-from cldit.dit.witness.backgrounds import CLEAREST, clearest, slopes
+from cldit.dit.witness.backgrounds import CLEAREST, THIN, clearest, slopes
 from cldit.dit.witness.evidence import Evidence, per_kelvin
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
 from cldit.dit.witness.levels import levels
 from cldit.dit.witness.orientation import orientation
 from cldit.dit.witness.patterns import Patterns
-from cldit.dit.witness.pixels import Renewed, between_backgrounds, between_kinds
+from cldit.dit.witness.pixels import between_backgrounds, between_kinds
 from cldit.dit.witness.shift import shift
-from cldit.dit.witness.trend import DriftTerm, terms
+from cldit.dit.witness.trend import DriftTerm, terms, unit
 from cldit.radiance.boundary import Boundary, Surroundings
 
 _BANDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # shares of the filter in which a spray absorbs
-_THIN = 0.98  # share of the background behind thin spray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,81 +84,74 @@ def examine(
         surroundings.background_surroundings_K or 0.0,
         *(window.temperature_K for window in surroundings.windows),
     ]
-
-    def seen_as(of: Boundary) -> Evidence:
-        return Evidence.of(
-            sums, setpoints, sees=sees, boundary=of, calibration=calibration, warmest_K=max(warm_K)
-        )
-
-    evidence = seen_as(boundary)
+    seen_as = partial(
+        Evidence.of, sums, setpoints, sees=sees, calibration=calibration, warmest_K=max(warm_K)
+    )
+    evidence = seen_as(boundary=boundary)
     scale = calibration.counts_per_radiance * boundary.front.transmission
     stated_K2 = _stated_K2(stated_drifts, evidence)
     stated_K = np.sqrt(stated_K2)
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
-    common = drift.find(evidence, off, stated_K=stated_K)
-    if common.cause and lined.stands_out and not lined.severe:
-        lined = replace(lined, says=f"{lined.says}, {common.cause}")
+    drifts, cause, through = drift.find(evidence, off, stated_K=stated_K)
+    if cause and lined.stands_out and not lined.severe:
+        lined = replace(lined, says=f"{lined.says}, {cause}")
     if unfitted is not None:
-        lined = backgrounds.fitted_over(seen_as(unfitted), lined, stated_K=stated_K)
+        lined = backgrounds.fitted_over(seen_as(boundary=unfitted), lined, stated_K=stated_K)
     between, systematic = kinds(evidence)
-    x = evidence.source["reference"]
-    moved, widened = shift(
-        sums, setpoints, sees=sees, source=x, counts_per_kelvin=evidence.rise * scale
+    x, counts_per_kelvin = evidence.source["reference"], evidence.rise * scale
+    moved, of_shift = shift(
+        sums, setpoints, sees=sees, source=x, counts_per_kelvin=counts_per_kelvin
     )
     patterns = Patterns.of(
         sums, setpoints, sees=sees, source=x, calibration=calibration, amount2=evidence.scatter()[1]
     )
-    lying, renewed, extra = _of_pixels(evidence, patterns, stated_K2=stated_K2, scale=scale)
-    if widened:
-        spray = np.array([widened.get(k, np.zeros(sees.shape)) for k in setpoints]) / scale**2
-        extra["injection"] = np.maximum(spray, extra.get("injection", 0.0))
-    conditional = (lying, renewed.witness, levels(evidence))
-    amount = _amount(evidence, sums, setpoints, scale=scale, drifting=bool(common.drifts))
+    of_pixels, systematic = _of_pixels(
+        evidence, patterns, systematic, stated_K2=stated_K2, scale=scale, of_shift=of_shift
+    )
+    amount = _amount(evidence, sums, setpoints, scale=scale, drifting=bool(drifts))
+    injections = backgrounds.injections(evidence, stated_K=stated_K)
+    witnesses = (lined, injections, between, moved, *of_pixels, levels(evidence))
     return Examined(
-        witnesses=(
-            lined,
-            backgrounds.injections(evidence, stated_K=stated_K),
-            between,
-            moved,
-            *(witness for witness in conditional if witness is not None),
-        ),
-        drifts=(*stated_drifts, *common.drifts, *amount),
-        systematic=replace(
-            systematic,
-            extra=extra,
-            pixel_offset=renewed.offset_counts / scale,
-            pixel_gain=renewed.gain,
-        ),
-        terms=terms(evidence, stated=stated_drifts, estimated=common.drifts),
-        through=common.through,
+        witnesses=tuple(witness for witness in witnesses if witness is not None),
+        drifts=(*stated_drifts, *drifts, *amount),
+        systematic=systematic,
+        terms=terms(evidence, stated=stated_drifts, estimated=drifts),
+        through=through,
     )
 
 
 def _of_pixels(
-    evidence: Evidence, patterns: Patterns, *, stated_K2: Floats, scale: float
-) -> tuple[Witness | None, Renewed, dict[str, Floats]]:
+    evidence: Evidence,
+    patterns: Patterns,
+    systematic: Systematic,
+    *,
+    stated_K2: Floats,
+    scale: float,
+    of_shift: Floats | None,
+) -> tuple[tuple[Witness | None, Witness | None], Systematic]:
     """Witnesses of patterns of single pixels, between backgrounds and between the kinds, and the
-    additional variances (K, h, w) of `Systematic`."""
-    lying, counts2 = between_backgrounds(
+    `systematic` errors with those of pixels, and variances `of_shift` (K, h, w) in counts^2."""
+    of_lines, counts2 = between_backgrounds(
         patterns,
         stated=stated_K2 * (evidence.rise * scale) ** 2,
         names=[f"{setpoint:g} K" for setpoint in evidence.setpoints],
     )
+    extra = {name: v if name == "gain" else v / scale**2 for name, v in counts2.items()}
+    if of_shift is not None:
+        extra["injection"] = np.maximum(of_shift / scale**2, extra.get("injection", 0.0))
     clear, slope = clearest(evidence), slopes(evidence)
-    renewed = between_kinds(
+    renewed, offset_counts, gain = between_kinds(
         patterns,
         clear=evidence.pixels(clear),
         half=evidence.pixels(clearest(evidence, share=0.5 * CLEAREST)),
-        wide=evidence.pixels(clear | (slope > _THIN)),
+        wide=evidence.pixels(clear | (slope > 1.0 - THIN)),
         thin=max(float(1.0 - np.mean(slope[clear])), 0.0),
         warmest=max(1.0, evidence.warmest / float(evidence.source["reference"].max())),
         rise_counts=evidence.rise * scale,
     )
-    extra = {
-        name: variance if name == "gain" else variance / scale**2
-        for name, variance in counts2.items()
-    }
-    return lying, renewed, extra
+    return (of_lines, renewed), replace(
+        systematic, extra=extra, pixel_offset=offset_counts / scale, pixel_gain=gain
+    )
 
 
 def _amount(
@@ -188,8 +181,7 @@ def _amount(
     if not variance > 0.0:
         return ()
     variances, scatter = variance / evidence.number("injection"), amounts[band].shot_variance
-    none = np.zeros(len(setpoints))
-    return (drift.still("amount", none, variance=variances, scatter=scatter, band=band),)
+    return (Drift(cause="amount", variance=variances, scatter=scatter, band=band),)
 
 
 def stated(
@@ -214,7 +206,7 @@ def stated(
         "gain": none + surroundings.camera_gain_error**2,
     }
     return tuple(
-        drift.still(cause, none, variance=variance)
+        Drift(cause=cause, variance=variance)
         for cause, variance in variances.items()
         if variance.any()
     )
@@ -222,9 +214,5 @@ def stated(
 
 def _stated_K2(drifts: Sequence[Drift], evidence: Evidence) -> Floats:
     """Variance (K,) of the references due to stated errors, as kelvin^2 of the black body."""
-    total = np.zeros(len(evidence.setpoints))
-    signal = evidence.mean("reference").mean(axis=1)
-    for error in drifts:
-        factor = signal if error.cause == "gain" else 1.0
-        total += error.variance * factor**2 / evidence.rise**2
-    return total
+    squares = (e.variance * unit(evidence, e.cause) ** 2 / evidence.rise**2 for e in drifts)
+    return sum(squares, np.zeros(len(evidence.setpoints)))

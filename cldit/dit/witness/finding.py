@@ -3,14 +3,11 @@
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 
-from scipy.special import ndtri, stdtrit
-
 from cldit.acquisition.witness_names import ACCEPTABLE, Acceptable
 from cldit.errors import EvaluationError
 
 LIMIT_K = 3.0  # of the black body: an evaluation beyond it needs the user's consent
 WORTH_K = 0.05  # smaller findings widen the errors without a warning
-_CHANCE = 3e-7  # one side of five standard deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,11 +47,6 @@ class Witness:
 def refusal(name: Acceptable, message: str, remedy: str = "correct the data") -> Witness:
     """A finding that ends the evaluation unless its name is accepted."""
     return Witness(name=name, says=message, remedy=remedy, stands_out=True, severe=True)
-
-
-def sure(degrees: int) -> float:
-    """Number of standard errors that excludes chance, for these degrees of freedom."""
-    return -float(stdtrit(degrees, _CHANCE) if degrees > 0 else ndtri(_CHANCE))
 
 
 def by_background(

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Mask
+from cldit.dit.chance import FEW, IMPROBABLE
 from cldit.dit.shots import AllSums
 from cldit.dit.witness.finding import Witness, refusal
 
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
-_STUCK = 0.01  # share of pixels with the same count in every exposure at one background
-_BY_CHANCE = 1e-3  # probability of that in one pixel
 _STEADIER = 4.0  # variance between images over that along an axis that holds frames: twice its sd
 
 
@@ -59,7 +58,7 @@ def _stuck(sums: AllSums) -> Witness | None:
         group = sums[setpoint, kind]
         stuck = constant & ~dead & (group.largest < group.saturation_counts)
         chance = (0.4 / max(noise, 0.4)) ** group.spare()  # density of a normal distribution
-        if stuck.mean() > max(_STUCK, 10.0 * chance) and chance < _BY_CHANCE:
+        if stuck.mean() > max(FEW, 10.0 * chance) and chance < IMPROBABLE:
             group.largest[stuck] = np.inf
             ending.append(f"{100 * stuck.mean():.0f} % of the {kind}s at {setpoint:g} K")
     if not ending:

@@ -11,18 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Mask
+from cldit.dit.chance import sure
 from cldit.dit.hypotheses import Hypothesis, describe, fitted
 from cldit.dit.solve import KINDS, Systematic
-from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
+from cldit.dit.witness.backgrounds import CHOSEN, CLEAREST, FLOOR_K, THIN, clearest, slopes
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 
 _THIN = 0.3  # largest emissivity of the pixels with the least spray, as a cause
-_DENSE = 0.3  # share of the blocks, those with the most spray, as `CLEAREST` those with the least
 _FREE = 0.005  # emissivity of the clearest pixels, up to which they are free of spray
-_MORE = 0.05  # of the background's contrast: as `_check_not_swapped` of recorded.py
-_LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
 
 def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
@@ -31,20 +30,7 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     Returns the witness, and its contribution to the errors.
     """
     chosen = clearest(evidence)
-    gain = float(np.mean(evidence.gains("reference")[chosen]))
-    gain = gain if gain > 0.0 else 1.0
-    # Blocks are chosen by one half of the shots and compared in the other: otherwise those that are
-    # brighter by noise would be chosen.
-    halves = evidence.halves()
-    camera = evidence.camera["reference"] + evidence.camera["injection"]
-    blocks = 0.0 if halves else CHOSEN * camera[:, chosen].mean(axis=1)
-    pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
-    difference = np.mean([half.change[:, clearest(by)].mean(axis=1) for by, half in pairs], axis=0)
-    # Different readings of the background with either kind are part of the difference.
-    read_difference = evidence.source["injection"] - evidence.source["reference"]
-    seen = difference / gain - read_difference
-    variance = sum(evidence.variance(kind, chosen) for kind in KINDS) + blocks
-    noise = np.sqrt(variance / gain**2 + (FLOOR_K * evidence.rise) ** 2)
+    gain, seen, noise = _difference(evidence, chosen)
     x = evidence.source["reference"]
     unexplained = _beyond_spray(seen, x=x, noise=noise, warmest=evidence.warmest)
     degrees = evidence.degrees("reference") + evidence.degrees("injection")
@@ -67,18 +53,10 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
         message = (
             f"{describe(good, none=none, tried=len(causes))}, or there is spray in the whole image"
         )
-        if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
+        if np.count_nonzero(slope > 1.0 + VISIBLE_EMISSIVITY) > np.count_nonzero(
+            slope < 1.0 - VISIBLE_EMISSIVITY
+        ):
             message += "; injections show more of the background: are the two kinds swapped?"
-    systematic = Systematic()
-    if beyond:
-        steep, start = np.polyfit(x / x.max(), evidence.rise, 1)
-        by_offset = best.column == "offset"
-        systematic = Systematic(
-            offset=best.size * gain if by_offset else 0.0,
-            kelvin=0.0 if by_offset else best.size,
-            slope=float(steep / x.max()),
-            start=float(start),
-        )
     witness = Witness(
         name="kinds",
         compared="injections against references in the pixels with the least spray",
@@ -90,7 +68,35 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
         stands_out=stands_out,
         severe=beyond and float(np.median(np.abs(shown_K))) > LIMIT_K,
     )
-    return witness, systematic
+    return witness, _systematic(evidence, best, gain=gain) if beyond else Systematic()
+
+
+def _difference(evidence: Evidence, chosen: Mask) -> tuple[float, Floats, Floats]:
+    """Gain of the `chosen` blocks (B,), and difference (K,) of injections from references in them
+    in radiance of the background, with its standard error."""
+    gain = float(np.mean(evidence.gains("reference")[chosen]))
+    gain = gain if gain > 0.0 else 1.0
+    # Blocks are chosen by one half of the shots and compared in the other: otherwise those that are
+    # brighter by noise would be chosen.
+    halves = evidence.halves()
+    camera = evidence.camera["reference"] + evidence.camera["injection"]
+    blocks = 0.0 if halves else CHOSEN * camera[:, chosen].mean(axis=1)
+    pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
+    difference = np.mean([half.change[:, clearest(by)].mean(axis=1) for by, half in pairs], axis=0)
+    # Different readings of the background with either kind are part of the difference.
+    read_difference = evidence.source["injection"] - evidence.source["reference"]
+    seen = difference / gain - read_difference
+    variance = sum(evidence.variance(kind, chosen) for kind in KINDS) + blocks
+    return gain, seen, np.sqrt(variance / gain**2 + (FLOOR_K * evidence.rise) ** 2)
+
+
+def _systematic(evidence: Evidence, cause: "_Cause", *, gain: float) -> Systematic:
+    """The error of an offset of the camera, or of the black body, of this size."""
+    if cause.column == "offset":
+        return Systematic(offset=cause.size * gain)
+    x = evidence.source["reference"]
+    steep, start = np.polyfit(x / x.max(), evidence.rise, 1)
+    return Systematic(kelvin=cause.size, slope=float(steep / x.max()), start=float(start))
 
 
 def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> Floats:
@@ -156,7 +162,7 @@ def _causes(
 def _own(evidence: Evidence, x: Floats) -> float:
     """Radiance of the spray where it is densest, between 0 and the warmest."""
     slope = slopes(evidence)
-    dense = (slope <= np.quantile(slope, _DENSE)) & (1.0 - slope > _LEAST)
+    dense = (slope <= np.quantile(slope, CLEAREST)) & (1.0 - slope > THIN)
     if not dense.any():
         return 0.5 * evidence.warmest
     fall, start = np.polyfit(x / x.max(), evidence.change[:, dense].mean(axis=1) / x.max(), 1)

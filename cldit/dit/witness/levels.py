@@ -7,6 +7,7 @@ import numpy as np
 from cldit.arrays import Floats, Mask
 from cldit.constants import ZERO_CELSIUS_K
 from cldit.dit.camera_of_shots import SEES
+from cldit.dit.chance import FEW
 from cldit.dit.shots import AllSums, Sums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.backgrounds import clearest, slopes
@@ -17,7 +18,6 @@ _INJECTIONS = 3.0  # the amount of spray scatters too
 _THIN = 0.9  # share of the background behind spray that cannot change the level much
 _FALLS = 0.02  # of the span of levels: more than noise and drift
 _ENDS = 0.03  # of the range of an integer: close to either end
-_PIXELS = 0.005  # share of pixels that fall by half of that range
 _LIKE = 0.1  # relative deviation of a level from a temperature
 _STEEP = (0.5, 1.5)  # change of the level by that of the temperature
 _TEMPERATURES = {"K": 0.0, "degrees Celsius": ZERO_CELSIUS_K}
@@ -83,7 +83,7 @@ def _wrapped(means: Floats, largest: Floats) -> str:
             at_ends = low <= means.min() < 0.0 if low else means.min() < _ENDS * span
             at_ends &= (low < 0.0 or top - _ENDS * span < largest.max()) and largest.max() <= top
             falls = np.any(np.diff(means, axis=0) < -span / 2.0, axis=0)
-            if at_ends and np.mean(falls) > _PIXELS:
+            if at_ends and np.mean(falls) > FEW:
                 return (
                     f"counts wrap around at {bits} bits, {100.0 * np.mean(falls):.0f} % of the "
                     f"pixels ({low:g}..{top:g}); export integers without a sign, or of more bits"

@@ -11,31 +11,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.dit.chance import clipped
 from cldit.dit.hypotheses import TURNS
 from cldit.dit.shots import AllSums
-from cldit.dit.solve import KINDS
+from cldit.dit.solve import DETECTION, KINDS
 from cldit.dit.witness.finding import Witness, refusal
 from cldit.dit.witness.patterns import neighbours
 
-_LEAST = 8  # pixels along an axis: 64 give a correlation of noise of 1/8
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)
 _ALIKE = 0.8  # least correlation of two images of one spray
-_CLIP = 3.0  # standard deviations: 0.3 % of normal pixels are clipped, bad pixels and edges too
 
 
 def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
     """Witness of images that differ in orientation from the references."""
     means = {key: group.mean() for key, group in sums.items()}
-    if min(next(iter(means.values())).shape) < _LEAST:
-        return None
     patterns = {key: _pattern(mean) for key, mean in means.items()}
     total = np.sum([patterns[k, "reference"] for k in setpoints], axis=0)
+    threshold = _DEVIATIONS / np.sqrt(total.size)  # none of fewer than 64 pixels
     wrong: list[str] = []
     for kind in KINDS:
         for setpoint in setpoints:
             pattern = patterns[setpoint, kind]
             expected = total - pattern if kind == "reference" else total
-            threshold = _DEVIATIONS / np.sqrt(pattern.size)
             change = _changed(pattern, expected, threshold=threshold, shifts=True)
             if change is not None:
                 wrong.append(f"{kind}s at {setpoint:g} K are {change}")
@@ -44,7 +41,9 @@ def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
         if len(setpoints) >= 3:
             delta_sum = np.sum(list(deltas.values()), axis=0)
             for setpoint, delta in deltas.items():
-                change = _changed(delta, _level(delta_sum - delta), threshold=_ALIKE, shifts=False)
+                expected = _level(delta_sum - delta)
+                alike = max(_ALIKE, threshold)
+                change = _changed(delta, expected, threshold=alike, shifts=False)
                 if change is not None:
                     wrong.append(f"the spray at {setpoint:g} K is {change}")
     if not wrong:
@@ -57,8 +56,7 @@ def _pattern(image: Floats) -> Floats:
     """Relative difference of each pixel from its four neighbours, clipped and normalised."""
     surrounding = neighbours(image)
     fine = (image - surrounding) / np.maximum(np.abs(surrounding), 1.0)
-    usual = 1.4826 * float(np.median(np.abs(fine)))
-    return _level(np.clip(fine, -_CLIP * usual, _CLIP * usual))
+    return _level(clipped(fine, DETECTION))
 
 
 def _level(image: Floats) -> Floats:

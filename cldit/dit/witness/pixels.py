@@ -11,7 +11,7 @@ therefore compared without their smooth part (fourth differences):
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,13 @@ from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
 from cldit.dit import hypotheses
+from cldit.dit.chance import DEVIATIONS, clipped
+from cldit.dit.shots import THUMBNAIL
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.patterns import Patterns
 
-_BLOCKS = 32  # along either axis, at most: as thumbnails
 _EDGE = 6  # pixels along a block, at least: 36 give a variance to 24 %
-_SURE = 6.0  # standard deviations of moments that are no chance
 _MORE = 0.1  # excess of the variance: errors are 5 % larger
 _PART = 0.02  # share of the blocks that is worth a warning
 _LONE = 0.5  # of the unexplained squares, for one background alone
@@ -47,7 +47,7 @@ class _Blocks:
 
     @classmethod
     def of(cls, sees: Mask) -> "_Blocks":
-        parts = [max(1, min(_BLOCKS, n // _EDGE)) for n in sees.shape]
+        parts = [max(1, min(THUMBNAIL, n // _EDGE)) for n in sees.shape]
         rows, columns = (
             np.arange(n) * part // n for n, part in zip(sees.shape, parts, strict=True)
         )
@@ -78,27 +78,18 @@ def between_backgrounds(
         return None, {}
     # Residuals of whitened signals, in an orthonormal basis
     basis = np.linalg.svd(patterns.design / usual[:, None])[0][:, 2:].T / usual  # (spare, K)
-    rest = {kind: np.einsum("jk,khw->jhw", basis, patterns.high[kind]) for kind in KINDS}
-    noise = {kind: np.array([blocks.mean(v) for v in patterns.noise[kind]]) for kind in KINDS}
     level = {kind: np.array([blocks.mean(v) for v in patterns.mean[kind]]) for kind in KINDS}
     contrast = {kind: (patterns.source - patterns.source.mean()) @ level[kind] for kind in KINDS}
     through = contrast["injection"] / np.where(filled, contrast["reference"], 1.0)
-    noise["reference"] += stated[:, None]
-    noise["injection"] += stated[:, None] * through**2
-    moments: dict[tuple[str, str], Floats] = {}
-    for kind_a, kind_b in ((KINDS[0], KINDS[0]), (KINDS[1], KINDS[1]), KINDS):
-        moment = np.array([[blocks.mean(a * b) for b in rest[kind_b]] for a in rest[kind_a]])
-        if kind_a == kind_b:
-            moment -= np.einsum("ik,kb,jk->ijb", basis, noise[kind_a], basis)
-        moments[kind_a, kind_b] = moment
-    expected = sum(np.einsum("ik,kb,ik->b", basis, noise[kind], basis) for kind in KINDS)
+    added = {"reference": stated[:, None], "injection": stated[:, None] * through**2}
+    moments, expected = _moments(patterns, blocks, basis, added)
     excess = sum(np.einsum("iib->b", moments[kind, kind]) for kind in KINDS)
     ratio = np.where(filled, excess / np.where(filled, expected, 1.0), 0.0)
     # The noise of a kind's moments, and that pixels share neighbours
     doubt = np.sqrt(3.0 / (spare * np.maximum(blocks.counts, 1.0)))
     overall = float(np.average(ratio, weights=blocks.counts))
-    everywhere = overall > max(_MORE, _SURE * np.sqrt(3.0 / (spare * blocks.counts.sum())))
-    wide = filled & ((ratio > 0.0) if everywhere else (ratio > _SURE * doubt))
+    everywhere = overall > max(_MORE, DEVIATIONS * np.sqrt(3.0 / (spare * blocks.counts.sum())))
+    wide = filled & ((ratio > 0.0) if everywhere else (ratio > DEVIATIONS * doubt))
     if not wide.any():
         return None, {}
     parts = _explained(
@@ -122,6 +113,26 @@ def between_backgrounds(
             stands_out=True,
         )
     return witness, {name: values[:, blocks.number] for name, values in variances.items()}
+
+
+def _moments(
+    patterns: Patterns, blocks: _Blocks, basis: Floats, added: Mapping[str, Floats]
+) -> tuple[dict[tuple[str, str], Floats], Floats]:
+    """Second moments (J, J, B) of the residuals by pairs of kinds, beyond the noise with variances
+    `added` (K, B) to it, and the traces (B,) of the noise; `basis` (J, K) gives the residuals."""
+    rest = {kind: np.einsum("jk,khw->jhw", basis, patterns.high[kind]) for kind in KINDS}
+    noise = {
+        kind: np.array([blocks.mean(v) for v in patterns.noise[kind]]) + added[kind]
+        for kind in KINDS
+    }
+    moments: dict[tuple[str, str], Floats] = {}
+    for kind_a, kind_b in ((KINDS[0], KINDS[0]), (KINDS[1], KINDS[1]), KINDS):
+        moment = np.array([[blocks.mean(a * b) for b in rest[kind_b]] for a in rest[kind_a]])
+        if kind_a == kind_b:
+            moment -= np.einsum("ik,kb,jk->ijb", basis, noise[kind_a], basis)
+        moments[kind_a, kind_b] = moment
+    expected = [np.einsum("ik,kb,ik->b", basis, noise[kind], basis) for kind in KINDS]
+    return moments, expected[0] + expected[1]
 
 
 def _explained(
@@ -168,15 +179,6 @@ def _explained(
     return dict(zip((*KINDS, "offset", "gain"), variances, strict=True))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Renewed:
-    """Standard deviations between the kinds: of the pixels' offsets [counts], and gains."""
-
-    witness: Witness | None = None
-    offset_counts: float = 0.0
-    gain: float = 0.0
-
-
 def between_kinds(
     patterns: Patterns,
     *,
@@ -186,8 +188,11 @@ def between_kinds(
     thin: float,
     warmest: float,
     rise_counts: Floats,
-) -> Renewed:
+) -> tuple[Witness | None, float, float]:
     """Compares the patterns of injections and references in the pixels with the least spray.
+
+    Returns the witness, and the standard deviations between the kinds: of the pixels' offsets
+    [counts], and of their gains.
 
     Args:
         clear: (h, w) pixels with the least spray. thin: their mean emissivity. half: half of them,
@@ -198,7 +203,7 @@ def between_kinds(
     thin_around = patterns.sees & binary_erosion(wide, iterations=2, border_value=1)
     lines = [_Difference.of(patterns, thin_around & mask) for mask in (wide, clear, half)]
     if lines[0] is None or lines[1] is None or lines[2] is None:
-        return Renewed()
+        return None, 0.0, 0.0
     found_at = [(*lines[0].beyond(x, 1.0), x) for x in warmest * _RADIANCES]
     offset2, doubt, at = min(found_at)
     # Patterns of a camera are the same in all pixels; what is more in thin spray is of the spray.
@@ -206,20 +211,20 @@ def between_kinds(
     slopes2, slopes_doubt = min(line.beyond(1.0, 0.0) for line in lines[1:] if line)
     spray2 = max(slopes2 + 2.0 * slopes_doubt, 0.0)
     gain = lines[1].gain
-    renewed, messages, sure = Renewed(), [], 0.0
+    offset_counts, renewed_gain, messages, sure = 0.0, 0.0, [], 0.0
     if offset2 > _WIDE * doubt and offset2 > spray2 * (_SPREAD * warmest) ** 2:
-        renewed = replace(renewed, offset_counts=float(np.sqrt(offset2)))
-        kelvin = renewed.offset_counts / float(np.median(rise_counts))
-        messages.append(f"offsets by {renewed.offset_counts:.2g} counts ({kelvin:.2g} K)")
+        offset_counts = float(np.sqrt(offset2))
+        kelvin = offset_counts / float(np.median(rise_counts))
+        messages.append(f"offsets by {offset_counts:.2g} counts ({kelvin:.2g} K)")
         sure = offset2 / doubt
     if slopes2 > _WIDE * slopes_doubt and slopes2 > (2.0 * thin * gain) ** 2:
-        renewed = replace(renewed, gain=float(np.sqrt(slopes2)) / gain)
-        messages.append(f"gains by {100.0 * renewed.gain:.2g} %")
+        renewed_gain = float(np.sqrt(slopes2)) / gain
+        messages.append(f"gains by {100.0 * renewed_gain:.2g} %")
         sure = max(sure, slopes2 / slopes_doubt)
-    if sure < _SURE:
-        return renewed
+    if sure < DEVIATIONS:
+        return None, offset_counts, renewed_gain
     causes = hypotheses.between_kinds(
-        patterns, thin_around, offsets=renewed.offset_counts > 0.0, gains=renewed.gain > 0.0
+        patterns, thin_around, offsets=offset_counts > 0.0, gains=renewed_gain > 0.0
     )
     witness = Witness(
         name="pixels",
@@ -227,7 +232,7 @@ def between_kinds(
         says=f"{' and '.join(messages)} from pixel to pixel: {causes}; errors are widened",
         stands_out=True,
     )
-    return replace(renewed, witness=witness)
+    return witness, offset_counts, renewed_gain
 
 
 @dataclass(frozen=True)
@@ -267,6 +272,4 @@ class _Difference:
 
 def _variance(values: Floats) -> float:
     """Variance of values whose tails are clipped, since a few odd pixels shall not change it."""
-    off = values - np.median(values)
-    limit = _CLIP * 1.4826 * np.median(np.abs(off))
-    return float(np.mean(np.clip(off, -limit, limit) ** 2))
+    return float(np.mean(clipped(values - np.median(values), _CLIP) ** 2))

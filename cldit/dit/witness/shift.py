@@ -5,13 +5,15 @@ lines of all pixels at one background are therefore fitted by the gradient of it
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import binary_erosion
 
 from cldit.arrays import Floats, Mask
+from cldit.dit.chance import sure
 from cldit.dit.shots import AllSums
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness
 
 _TILES = 4  # along either axis: the scatter of 16 gives the noise of the shift to 18 %
 _WORTH_PIXELS = 0.1
@@ -25,8 +27,8 @@ def shift(
     sees: Mask,
     source: Floats,
     counts_per_kelvin: Floats,
-) -> tuple[Witness, dict[float, Floats]]:
-    """Witness of a background at which the spray is shifted, and variances [counts^2] of the shift.
+) -> tuple[Witness, Floats | None]:
+    """Witness of a background at which the spray is shifted, and its variances (K, h, w), counts^2.
 
     Args:
         sums, setpoints: sums by set point and kind, and the K set points.
@@ -34,16 +36,16 @@ def shift(
         source, counts_per_kelvin: (K,) radiance of the backgrounds, and counts per kelvin.
     """
     count = len(setpoints)
+    lacking = partial(Witness, name="shift", compared=_COMPARED)
     if count < 3 or min(sees.shape) < 3 * _TILES:
-        return Witness(name="shift", compared=_COMPARED, says="too few backgrounds or pixels"), {}
+        return lacking(says="too few backgrounds or pixels"), None
+    inner = binary_erosion(sees)  # pixels with four neighbours that see the background
+    if not inner.any():
+        return lacking(says="too few pixels see the background"), None
     delta = np.array([sums[k, "injection"].mean() - sums[k, "reference"].mean() for k in setpoints])
     design = np.stack([source / source.max(), np.ones(count)], axis=1) / counts_per_kelvin[:, None]
     keep = np.eye(count) - design @ np.linalg.pinv(design)  # residuals about the lines
     residuals = np.einsum("kl,lhw->khw", keep, delta / counts_per_kelvin[:, None, None])
-    inner = binary_erosion(sees)  # pixels with four neighbours that see the background
-    if not inner.any():
-        message = "too few pixels see the background"
-        return Witness(name="shift", compared=_COMPARED, says=message), {}
     moved, noise, gained = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
     for k in range(count):
         slope = np.array(np.gradient(delta[k])) / counts_per_kelvin[k]
@@ -52,22 +54,20 @@ def shift(
     wander, degrees = _wander(sums, setpoints, keep=keep, counts_per_kelvin=counts_per_kelvin)
     noise = np.hypot(noise, wander)
     at = int(np.argmax(gained))
-    size = float(np.hypot(*moved[at]))
     kelvin, noise_K = (
-        np.array([_rms(delta[k], by[k], inner) for k in range(count)]) / counts_per_kelvin
+        np.array([_rms(_moved(delta[k], by[k])[inner]) for k in range(count)]) / counts_per_kelvin
         for by in (moved, noise)
     )
-    beyond = bool(np.any(np.abs(moved[at]) > sure(degrees) * noise[at])) and size > _WORTH_PIXELS
-    stands_out = beyond and bool(kelvin[at] > WORTH_K)
-    widened: dict[float, Floats] = {}
-    message = ""
+    beyond = np.any(np.abs(moved[at]) > sure(degrees) * noise[at])
+    stands_out = bool(beyond and np.hypot(*moved[at]) > _WORTH_PIXELS and kelvin[at] > WORTH_K)
+    message, variances = "", None
     if stands_out:
         message = (
             f"background {setpoints[at]:g} K: the spray is shifted by {moved[at, 1]:+.1f} "
             f"columns and {moved[at, 0]:+.1f} rows"
         )
-        rows, columns = np.gradient(delta[at])
-        widened[setpoints[at]] = (moved[at, 0] * rows + moved[at, 1] * columns) ** 2
+        variances = np.zeros_like(delta)
+        variances[at] = _moved(delta[at], moved[at]) ** 2
     witness = Witness(
         name="shift",
         compared=_COMPARED,
@@ -79,7 +79,7 @@ def shift(
         stands_out=stands_out,
         severe=stands_out and float(kelvin[at]) > LIMIT_K,
     )
-    return witness, widened
+    return witness, variances
 
 
 def _fit(slope: Floats, residuals: Floats, where: Mask) -> tuple[Floats, Floats, float]:
@@ -145,9 +145,12 @@ def _wander(
     return errors, int(spare.sum())
 
 
-def _rms(delta: Floats, moved: Floats, inner: Mask) -> float:
-    """RMS change of an image that is shifted by `moved` rows and columns, counts."""
+def _moved(delta: Floats, by: Floats) -> Floats:
+    """Change (h, w) of an image that is shifted by so many rows and columns, to first order."""
     rows, columns = np.gradient(delta)
     with np.errstate(invalid="ignore"):
-        change = (moved[0] * rows + moved[1] * columns)[inner]
-    return float(np.sqrt(np.mean(change**2)))
+        return np.asarray(by[0] * rows + by[1] * columns)
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

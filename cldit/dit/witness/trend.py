@@ -16,12 +16,11 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.dit.solve import Cause, Drift
+from cldit.dit.chance import sure
+from cldit.dit.solve import GAIN_ITERATIONS, Cause, Drift
 from cldit.dit.witness.backgrounds import squares
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import sure
 
-_AGAIN = 3  # iterations; each reduces the error by the relative drift, a tenth at most
 _NEAR = 0.5  # largest relative deviation of a course from that of the rates
 _NAMES = {
     "black body": "black body",
@@ -31,22 +30,7 @@ _NAMES = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trend:
-    """A steady drift, radiance or (gain) relative.
-
-    rate: (K,) per interval of the axis at each background. course: (K,) of the references' means.
-    modes: (M, K) parts of the course, each of variance 1 and common to all trends.
-    excess: (M, K) excess of each mode in the injections' means.
-    """
-
-    rate: Floats
-    course: Floats
-    modes: Floats
-    excess: Floats | None = None
-
-
-Trends = Mapping[Cause, Trend]
+Trends = Mapping[Cause, Drift]
 
 
 def steady(evidence: Evidence, *, beyond: bool, steps: bool = True) -> Trends:
@@ -100,15 +84,15 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
     weights = np.array(weight)
     design = np.array(rows, float) * weights[:, None]
     step = np.linalg.lstsq(design, np.array(values) * weights)[0][2:]
-    none = np.zeros(len(x))
     modes = max((len(trend.modes) for trend in trends.values()), default=0)
-    old = trends.get("offset", Trend(rate=none, course=none, modes=np.zeros((modes, len(x)))))
+    old = trends.get("offset", Drift(cause="offset", modes=np.zeros((modes, len(x)))))
     course = step @ share["reference"]
     new = step[:, None] * share["reference"]
     excess = step[:, None] * (share["injection"] - share["reference"])
     return {
         **trends,
-        "offset": Trend(
+        "offset": Drift(
+            cause="offset",
             rate=old.rate,
             course=old.course + course - course.mean(),
             modes=np.concatenate([old.modes, new]),
@@ -120,20 +104,15 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
 def _of_camera(evidence: Evidence) -> Trends:
     """Drift of offset and gain that continues from one background to the next."""
     way = _way(evidence)
-    seen = signal(evidence)
-    rates = _rates(evidence, {"offset": np.ones_like(way), "gain": seen}, beside=evidence.rise)
-    for _ in range(_AGAIN):  # at the signals for the gain at mid-course
-        offset, gain = (rates.of(cause) for cause in ("offset", "gain"))
-        still = (seen - offset * way) / (1.0 + gain * way)
-        rates = _rates(evidence, {"offset": np.ones_like(way), "gain": still}, beside=evidence.rise)
-    ones = np.ones_like(way)
+    seen, ones = signal(evidence), np.ones_like(way)
+    rates, covariance = _rates(evidence, {"offset": ones, "gain": seen}, beside=evidence.rise)
+    for _ in range(GAIN_ITERATIONS):  # at the signals for the gain at mid-course
+        still = (seen - rates.get("offset", 0.0) * way) / (1.0 + rates.get("gain", 0.0) * way)
+        rates, covariance = _rates(evidence, {"offset": ones, "gain": still}, beside=evidence.rise)
+    roots = _roots(np.array(list(rates.values())), covariance)
     return {
-        cause: Trend(
-            rate=rates.of(cause) * ones,
-            course=rates.of(cause) * way,
-            modes=rates.roots[number][:, None] * way,
-        )
-        for number, cause in enumerate(rates.causes)
+        cause: Drift(cause=cause, rate=rate * ones, course=rate * way, modes=root[:, None] * way)
+        for (cause, rate), root in zip(rates.items(), roots, strict=True)
     }
 
 
@@ -141,14 +120,14 @@ def _of_blackbody(evidence: Evidence) -> Trends:
     """Drift of the offset, and of a black body that restarts at each background."""
     way, rise = _way(evidence), evidence.rise
     since = np.array([places.since.mean() for places in evidence.places["reference"]])
-    rates = _rates(evidence, {"offset": np.ones_like(way), "black body": rise})
-    trends: dict[Cause, Trend] = {}
-    for cause in rates.causes:
+    rates, covariance = _rates(evidence, {"offset": np.ones_like(way), "black body": rise})
+    trends: dict[Cause, Drift] = {}
+    for at, (cause, rate) in enumerate(rates.items()):
         shape, course = (rise, rise * since) if cause == "black body" else (np.ones_like(way), way)
-        mode = np.zeros((len(rates.causes), 1))  # independent of the camera's drift
-        mode[rates.causes.index(cause)] = np.sqrt(rates.moment(cause))
-        trends[cause] = Trend(
-            rate=rates.of(cause) * shape, course=rates.of(cause) * course, modes=mode * course
+        mode = np.zeros((len(rates), 1))  # independent of the camera's drift
+        mode[at] = np.sqrt(rate**2 + covariance[at, at])
+        trends[cause] = Drift(
+            cause=cause, rate=rate * shape, course=rate * course, modes=mode * course
         )
     return trends
 
@@ -170,35 +149,20 @@ def unit(evidence: Evidence, cause: Cause) -> Floats:
     return seen if cause == "gain" else np.ones_like(seen)
 
 
-@dataclass(frozen=True)
-class _Rates:
-    """Significant rates (N,) per interval, and their covariance (N, N)."""
-
-    causes: tuple[Cause, ...]
-    best: Floats
-    covariance: Floats
-
-    def of(self, cause: Cause) -> float:
-        return float(self.best[self.causes.index(cause)]) if cause in self.causes else 0.0
-
-    def moment(self, cause: Cause) -> float:
-        at = self.causes.index(cause)
-        return float(self.best[at] ** 2 + self.covariance[at, at])
-
-    @property
-    def roots(self) -> Floats:
-        """Root L (N, N) of the second moment about zero, L L'; the first column is largest."""
-        size = np.sqrt(self.best**2 + np.diag(self.covariance))
-        moment = np.outer(self.best, self.best) + self.covariance
-        values, vectors = np.linalg.eigh(moment / np.outer(size, size))
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return np.asarray(size[:, None] * root[:, ::-1])
+def _roots(rate: Floats, covariance: Floats) -> Floats:
+    """Root L (N, N) of the second moment about zero, L L'; the first column is largest."""
+    size = np.sqrt(rate**2 + np.diag(covariance))
+    moment = np.outer(rate, rate) + covariance
+    values, vectors = np.linalg.eigh(moment / np.outer(size, size))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(size[:, None] * root[:, ::-1])
 
 
 def _rates(
     evidence: Evidence, columns: Mapping[Cause, Floats], *, beside: Floats | None = None
-) -> _Rates:
-    """Change of the references' mean per interval, proportional to `columns`, (K,) each.
+) -> tuple[dict[Cause, float], Floats]:
+    """Change of the references' mean per interval, proportional to `columns`, (K,) each, and the
+    covariance (N, N) of the N significant rates.
 
     Insignificant rates are removed one by one. The remaining ones are fitted again together with a
     change proportional to `beside`, if there are enough backgrounds.
@@ -222,9 +186,9 @@ def _rates(
                 all_columns = [*(columns[cause] for cause in causes), beside]
                 best, covariance = _weighted(all_columns, rate, weight)
             n = len(causes)
-            return _Rates(tuple(causes), best[:n], covariance[:n, :n])
+            return dict(zip(causes, best[:n].tolist(), strict=True)), covariance[:n, :n]
         del causes[int(np.argmin(significance))]
-    return _Rates((), np.zeros(0), np.zeros((0, 0)))
+    return {}, np.zeros((0, 0))
 
 
 def _weighted(columns: Sequence[Floats], values: Floats, weight: Floats) -> tuple[Floats, Floats]:

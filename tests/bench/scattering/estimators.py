@@ -18,8 +18,8 @@ from cldit.dit.scattering import (
     WALL,
     Medium,
     Scattered,
-    _line,
     apparent,
+    fitted_shares,
     medium_of_enclosures,
     medium_temperature,
     varied_parts,
@@ -195,10 +195,9 @@ def _plates(truth: Traced) -> Iterator[Estimator]:
         parts = [truth.enclosure(plate=name), truth.enclosure({name: cold_K}, plate=name)]
         both = [maps["as it is"], maps[f"cold {name}"]]
         varied = varied_parts(parts)
-        line = _line(both, parts, curve, varied)
+        shares, _, gradients, errors = fitted_shares(both, parts, curve, varied)
         at = [one for one in parts[0] if one in varied].index(name)
-        error = np.sqrt(np.tensordot(line.gradients[at] ** 2, line.errors**2, axes=1))
-        return line.shares[at], error
+        return shares[at], np.sqrt(np.tensordot(gradients[at] ** 2, errors**2, axes=1))
 
     def one(maps: Seen, name: str) -> Said:
         factor = whole / angles[name]

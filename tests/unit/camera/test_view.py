@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cldit.camera.view import SensorView, overlap_matrix
+from cldit.camera.view import SensorView
 from cldit.errors import TransportError
 from cldit.scene.camera import Camera, Sensor
 from cldit.scene.schema import Scene
@@ -38,23 +38,6 @@ def test_constant_and_ramp_are_exact(traced: tuple[int, int]) -> None:
     np.testing.assert_allclose(view.image(ramp), np.broadcast_to(expected, (48, 64)), rtol=1e-12)
 
 
-def test_ramp_on_whole_pixels() -> None:
-    """4 x 4 traced pixels a sensor pixel: the ramp at the sensor pixels' middles, both ways."""
-    view = _view(pixels=(20, 20))
-    z, x = np.mgrid[0:80, 0:80] + 0.5
-    got = view.image(3.0 * x - 2.0 * z + 1.0)
-    rows, columns = (np.mgrid[0:20, 0:20] + 0.5) * 4
-    np.testing.assert_allclose(got, 3.0 * columns - 2.0 * rows + 1.0, rtol=1e-12)
-
-
-def test_mean_of_the_footprint_is_kept() -> None:
-    traced = np.random.default_rng(3).random((1000, 1000)).astype(np.float32)
-    got = _view().image(traced)
-    assert got.shape == (512, 640)
-    # 640 : 512 of a square field: the middle 80 % of the rows, 100..900 exactly
-    assert got.mean() == pytest.approx(traced[100:900].astype(float).mean(), rel=1e-12)
-
-
 def test_centred() -> None:
     """A picture that is even about its middle has an even image; one point stays in its place."""
     traced = np.zeros((101, 101))
@@ -65,14 +48,6 @@ def test_centred() -> None:
     traced = np.zeros((100, 100))
     traced[12, 90] = 1.0  # up and to the right
     assert np.argmax(_view(pixels=(10, 8)).image(traced)) == 9  # row 0, last column
-
-
-def test_rows_sum_to_one() -> None:
-    for count_in, count_out, share in ((1000, 640, 1.0), (7, 100, 0.8), (5, 3, 0.123), (1, 4, 1.0)):
-        matrix = overlap_matrix(count_in, count_out, share)
-        assert matrix.shape == (count_out, count_in)
-        np.testing.assert_allclose(matrix.sum(axis=1), 1.0, rtol=1e-14)
-        assert matrix.data.min() >= 0.0
 
 
 def test_nan_spreads_only_where_it_lies() -> None:

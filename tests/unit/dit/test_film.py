@@ -22,8 +22,8 @@ from tests.laboratory import Drifts, Laboratory, laboratory
 from tests.verify.evaluation_bias import Shot
 
 SHAPE = (48, 64)
-Image = NDArray[Any]
-Change = Callable[[Shot, dict[str, Image]], Image]
+Counts = NDArray[Any]
+Change = Callable[[Shot, dict[str, Counts]], Counts]
 
 
 def _damaged(seed: int, change: Change, *, kinds: str = "reference injection") -> Laboratory:
@@ -50,7 +50,7 @@ def _clean(seed: int) -> tuple[float, float]:
     return _errors(evaluate_shots(recording.recorded), recording)
 
 
-def _old_rows(shot: Shot, taken: dict[str, Image]) -> Image:
+def _old_rows(shot: Shot, taken: dict[str, Counts]) -> Counts:
     """The first injection has odd rows of a reference."""
     if not shot.id.endswith("inj_00"):
         return shot.image
@@ -59,7 +59,7 @@ def _old_rows(shot: Shot, taken: dict[str, Image]) -> Image:
     return image
 
 
-def _lost_lines(shot: Shot, _: dict[str, Image]) -> Image:
+def _lost_lines(shot: Shot, _: dict[str, Counts]) -> Counts:
     """One injection and one reference lack packets."""
     image = shot.image.copy()
     if shot.id in ("b01_inj_02", "b02_ref_05"):
@@ -67,7 +67,7 @@ def _lost_lines(shot: Shot, _: dict[str, Image]) -> Image:
     return image
 
 
-def _ended(shot: Shot, _: dict[str, Image]) -> Image:
+def _ended(shot: Shot, _: dict[str, Counts]) -> Counts:
     """A file ends within an image and is filled with zeros."""
     image = shot.image.copy()
     if shot.id == "b03_inj_07":
@@ -75,7 +75,7 @@ def _ended(shot: Shot, _: dict[str, Image]) -> Image:
     return image
 
 
-def _spot(shot: Shot, _: dict[str, Image]) -> Image:
+def _spot(shot: Shot, _: dict[str, Counts]) -> Counts:
     """Something bright passes between spray and camera."""
     image = shot.image.copy()
     if shot.id in ("b00_inj_03", "b02_ref_01"):
@@ -83,7 +83,7 @@ def _spot(shot: Shot, _: dict[str, Image]) -> Image:
     return image
 
 
-def _elsewhere(shot: Shot, taken: dict[str, Image]) -> Image:
+def _elsewhere(shot: Shot, taken: dict[str, Counts]) -> Counts:
     """The lower half of an image is that of another background."""
     image = shot.image.copy()
     if shot.id == "b01_inj_04":
@@ -91,13 +91,13 @@ def _elsewhere(shot: Shot, taken: dict[str, Image]) -> Image:
     return image
 
 
-def _exposed(shot: Shot, _: dict[str, Image]) -> Image:
+def _exposed(shot: Shot, _: dict[str, Counts]) -> Counts:
     """One reference and one injection are exposed for longer."""
     longer = shot.id in ("b01_ref_02", "b02_inj_06")
     return np.rint(shot.image * (1.3 if longer else 1.0)).astype(np.uint16)
 
 
-def _salt(shot: Shot, _: dict[str, Image]) -> Image:
+def _salt(shot: Shot, _: dict[str, Counts]) -> Counts:
     """Some pixels of one reference are saturated."""
     image = shot.image.copy()
     if shot.id == "b03_ref_01":
@@ -167,7 +167,7 @@ def test_a_dropped_frame_in_turns_is_named(dropped: int) -> None:
 
 
 def test_most_images_damaged_are_refused() -> None:
-    def change(shot: Shot, _: dict[str, Image]) -> Image:
+    def change(shot: Shot, _: dict[str, Counts]) -> Counts:
         image = shot.image.copy()
         if shot.id.startswith("b01_ref"):
             image[10 + int(shot.id[-1])] = 0

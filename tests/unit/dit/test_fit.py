@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, inv, lstsq, solve_triangular
-from scipy.optimize import curve_fit
 
+from cldit.arrays import Floats
 from cldit.dit.fit import (
-    CommonError,
     Pair,
-    SteadyError,
+    SharedError,
     apparent_radiance,
     emissivity,
     fit_pair,
@@ -24,10 +22,10 @@ X = np.array([1.0, 2.5, 6.0, 11.0, 20.0])
 
 
 def _fit(
-    reference: NDArray[np.float64],
-    during: NDArray[np.float64],
-    variance: tuple[NDArray[np.float64], NDArray[np.float64]],
-    shared: NDArray[np.float64] | None = None,
+    reference: Floats,
+    during: Floats,
+    variance: tuple[Floats, Floats],
+    shared: Floats | None = None,
     slopes: tuple[float, float] = (1.0, 0.3),
 ) -> Pair:
     pixels = reference.shape[1]
@@ -37,7 +35,7 @@ def _fit(
         (reference, during),
         variance=variance,
         usable=np.ones(reference.shape, bool),
-        common=() if shared is None else [CommonError(variance=shared, reference=g, injection=s)],
+        errors=() if shared is None else [SharedError(variance=shared, reference=g, injection=s)],
     )
 
 
@@ -58,160 +56,60 @@ DESIGN[:5, 0] = DESIGN[5:, 2] = X
 DESIGN[:5, 1] = DESIGN[5:, 3] = 1.0
 
 
-def _check_generalised(
-    lines: Pair, pixel: int, covariance: NDArray[np.float64], means: Any, *, rtol: float
-) -> None:
-    """One pixel of the `lines` against scipy: the 10 x 10 covariance of the `means`, whitened by
-    its Cholesky factor, then lstsq."""
-    factor = cholesky(covariance, lower=True)
-    white = solve_triangular(factor, DESIGN, lower=True)
-    seen = np.concatenate([kind[:, pixel] for kind in means])
-    best, misfit, *_ = lstsq(white, solve_triangular(factor, seen, lower=True))
-    np.testing.assert_allclose(lines.values[pixel], best, rtol=rtol)
-    np.testing.assert_allclose(lines.covariance[pixel], inv(white.T @ white), rtol=10.0 * rtol)
-    assert lines.chi2[pixel] == pytest.approx(misfit, rel=10.0 * rtol)
-
-
-def test_without_shared_error_both_lines_are_scipys() -> None:
-    """Slope, intercept and covariance of curve_fit with absolute_sigma, pixel by pixel."""
-    reference, during, variance = _noisy()
-    lines = _fit(reference, during, variance)
-    for pixel in range(7):
-        for start, signal, of in ((0, reference, variance[0]), (2, during, variance[1])):
-            best, covariance = curve_fit(
-                lambda x, a, b: a * x + b,
-                X,
-                signal[:, pixel],
-                sigma=np.sqrt(of[:, pixel]),
-                absolute_sigma=True,
-            )
-            columns = slice(start, start + 2)
-            np.testing.assert_allclose(lines.values[pixel, columns], best, rtol=1e-6)
-            # curve_fit differentiates numerically
-            np.testing.assert_allclose(
-                lines.covariance[pixel, columns, columns], covariance, rtol=1e-5
-            )
-
-
-def test_shared_errors_are_generalised_least_squares() -> None:
-    """Against scipy: the whole 10 x 10 covariance, whitened by its Cholesky factor, then lstsq."""
-    reference, during, variance = _noisy()
-    shared = np.array([0.01, 0.03, 0.02, 0.05, 0.04])
-    g, s = 0.97, 0.31
-    lines = _fit(reference, during, variance, shared, (g, s))
-    for pixel in range(7):
-        a, b = (np.diag(of[:, pixel]) for of in variance)
-        d = np.diag(shared)
-        covariance = np.block([[a + g * g * d, g * s * d], [g * s * d, b + s * s * d]])
-        _check_generalised(lines, pixel, covariance, (reference, during), rtol=1e-9)
-
-
-def test_several_common_errors_are_generalised_least_squares() -> None:
-    """Black body, offset and gain together, the offset 1e4 times the noise: scipy, whitened."""
-    reference, during, variance = _noisy(1)
-    g, s = np.array([0.97]), np.array([0.31])
-    ones = np.ones(1)
-    common = [
-        CommonError(variance=np.full(5, 0.03), reference=g, injection=s),
-        CommonError(variance=np.full(5, 200.0), reference=ones, injection=ones),
-        CommonError(variance=np.linspace(1e-4, 4e-4, 5), reference=reference, injection=during),
-    ]
-    lines = fit_pair(
-        (X, X),
-        (reference, during),
-        variance=variance,
-        usable=np.ones((5, 1), bool),
-        common=common,
-    )
-    covariance = np.diag(np.concatenate(variance)[:, 0])
-    for number in range(5):
-        for error in common:
-            p, q = (
-                float(np.broadcast_to(f, (5, 1))[number, 0])
-                for f in (error.reference, error.injection)
-            )
-            means = [number, number + 5]
-            covariance[np.ix_(means, means)] += error.variance[number] * np.outer([p, q], [p, q])
-    _check_generalised(lines, 0, covariance, (reference, during), rtol=1e-7)
-
-
-def _steady(pixels: int) -> list[SteadyError]:
+def _steady() -> list[SharedError]:
     """Two errors with a course over the backgrounds: an offset, and a gain that goes with it."""
-    way = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])[:, None] * np.ones(pixels)
+    way = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])[:, None] * np.ones(7)
     line = X[:, None]
     return [
-        SteadyError(
+        SharedError(
             reference=way * (0.3 + 0.1 * (line + 0.5)), injection=way * (0.3 + 0.1 * (0.3 * line))
         ),
-        SteadyError(reference=0.05 * way, injection=0.05 * way),
+        SharedError(reference=0.05 * way, injection=0.05 * way),
     ]
 
 
-@pytest.mark.parametrize("with_common", [False, True])
-def test_steady_errors_are_generalised_least_squares(with_common: bool) -> None:
-    """Against scipy, with u u' of either steady error in the whole 10 x 10 covariance."""
+_BLACK_BODY = SharedError(
+    variance=np.array([0.01, 0.03, 0.02, 0.05, 0.04]),
+    reference=np.full(7, 0.97),
+    injection=np.full(7, 0.31),
+)
+_OFFSET = SharedError(variance=np.full(5, 200.0), reference=np.ones(7), injection=np.ones(7))
+_GAIN = SharedError(
+    variance=np.linspace(1e-4, 4e-4, 5),
+    reference=X[:, None] + 0.5 * np.ones(7),
+    injection=0.3 * X[:, None] + 4.0 * np.ones(7),
+)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [[], [_BLACK_BODY], [_BLACK_BODY, _OFFSET, _GAIN], _steady(), [_BLACK_BODY, *_steady()]],
+)
+def test_lines_are_generalised_least_squares(errors: list[SharedError]) -> None:
+    """Against scipy: the 10 x 10 covariance of the means with all errors, whitened by its Cholesky
+    factor, then lstsq. The offset has 1e4 times the variance of the noise."""
     reference, during, variance = _noisy()
-    shared = CommonError(variance=np.full(5, 0.03), reference=np.ones(7), injection=np.ones(7))
     lines = fit_pair(
         (X, X),
         (reference, during),
         variance=variance,
         usable=np.ones((5, 7), bool),
-        common=[shared] if with_common else [],
-        steady=_steady(7),
+        errors=errors,
     )
     for pixel in range(7):
         covariance = np.diag(np.concatenate(variance)[:, pixel])
-        if with_common:
-            covariance += 0.03 * np.kron(np.ones((2, 2)), np.eye(5))
-        for error in _steady(7):
-            u = np.concatenate([error.reference, error.injection])[:, pixel]
-            covariance += np.outer(u, u)
-        _check_generalised(lines, pixel, covariance, (reference, during), rtol=1e-9)
-
-
-def test_a_steady_error_of_size_one_has_the_stated_mean_squares() -> None:
-    """20000 pixels with the same drift: chi2 of all four numbers is 1 within 5 of its errors."""
-    rng = np.random.default_rng(8)
-    pixels = 20_000
-    variance = np.full((5, pixels), 0.02)
-    drift = _steady(pixels)[0]
-    truth = np.array([1.0, 0.5, 0.3, 4.0])
-    noise = np.sqrt(variance) * rng.standard_normal((2, 5, pixels))
-    lines = fit_pair(
-        (X, X),
-        (
-            X[:, None] + 0.5 + drift.reference + noise[0],
-            0.3 * X[:, None] + 4.0 + drift.injection + noise[1],
-        ),
-        variance=(variance, variance),
-        usable=np.ones((5, pixels), bool),
-        steady=[drift],
-    )
-    stated = np.diagonal(lines.covariance, axis1=1, axis2=2).mean(axis=0)
-    mean_squares = np.mean((lines.values - truth) ** 2, axis=0)
-    np.testing.assert_allclose(mean_squares / stated, 1.0, atol=5.0 * np.sqrt(2.0 / pixels))
-
-
-def test_an_offset_of_the_camera_leaves_the_fit_of_the_difference() -> None:
-    """Eq. (2)'s immunity: an offset before each background, any size, moves neither result."""
-    reference, during, (variance, _) = _noisy()
-    ones = np.ones(7)
-    offset = 50.0 * np.array([0.0, 1.0, 2.0, 3.0, 4.0])[:, None]
-    error = CommonError(variance=np.full(5, 1e4), reference=ones, injection=ones)
-    fits = [
-        fit_pair(
-            (X, X),
-            (reference + shift, during + shift),
-            variance=(variance, variance),
-            usable=np.ones((5, 7), bool),
-            common=[error],
-        )
-        for shift in (0.0, offset)
-    ]
-    kelvin = [apparent_radiance(lines)[0] for lines in fits]
-    # The rest is the offset's own prior: 1e4 against 1e-2 of noise.
-    np.testing.assert_allclose(kelvin[1], kelvin[0], rtol=1e-4)
+        for error in errors:
+            factors = (np.broadcast_to(f, (5, 7)) for f in (error.reference, error.injection))
+            u = np.concatenate([factor[:, pixel] for factor in factors])
+            each = np.ones((5, 5)) if error.variance is None else np.diag(error.variance)
+            covariance += np.kron(np.ones((2, 2)), each) * np.outer(u, u)
+        factor = cholesky(covariance, lower=True)
+        white = solve_triangular(factor, DESIGN, lower=True)
+        seen = np.concatenate([reference[:, pixel], during[:, pixel]])
+        best, misfit, *_ = lstsq(white, solve_triangular(factor, seen, lower=True))
+        np.testing.assert_allclose(lines.values[pixel], best, rtol=1e-7)
+        np.testing.assert_allclose(lines.covariance[pixel], inv(white.T @ white), rtol=1e-6)
+        assert lines.chi2[pixel] == pytest.approx(misfit, rel=1e-6)
 
 
 def test_a_common_error_drops_out_of_a_transparent_spray() -> None:

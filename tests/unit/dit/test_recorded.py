@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError, RunFolderError
@@ -21,13 +22,11 @@ def _radiance(kelvin: float) -> float:
     return float(band_radiance(kelvin, filter_um=FILTER_UM))
 
 
-def _counts(radiance: NDArray[np.float64]) -> NDArray[Any]:
+def _counts(radiance: Floats) -> NDArray[Any]:
     return np.rint(CAMERA.counts(radiance)).astype(np.uint16)
 
 
-def _acquisition(
-    *, transmitted: NDArray[np.float64], emitted: NDArray[np.float64], shots: int = 1
-) -> Recorded:
+def _acquisition(*, transmitted: Floats, emitted: Floats, shots: int = 1) -> Recorded:
     """Without noise, but rounded to counts."""
     recorded: list[Shot] = []
     for kelvin in BACKGROUNDS_K:

@@ -90,50 +90,6 @@ def test_distance_is_that_of_the_dense_covariance(shots: int, used: tuple[str, .
     assert test.distance(shots, used) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 30.0, 90.0])
-@pytest.mark.parametrize("prior", [0.1, 3.0, 1e6])
-def test_a_free_parameter_takes_away_what_it_mimics(angle_deg: float, prior: float) -> None:
-    """N = 50 blocks of noise s: with an angle a between the difference d and the parameter's image
-
-        z^2 = n d^2 / s^2 (sin^2 a + cos^2 a / (1 + n g^2 / s^2)),     g: size of the image
-
-    by Sherman and Morrison. Along the image z is at most d / g, which is the difference in
-    deviations of the prior; across it, all of z is left.
-    """
-    rng = np.random.default_rng(1)
-    first, second = np.linalg.qr(rng.normal(size=(100, 2)))[0].T
-    turn = math.radians(angle_deg)
-    size, noise, shots = 5.0, 0.7, 12
-    image = prior * first.reshape(1, 50, 2)
-    test = SeparationTest(
-        change=size * (math.cos(turn) * first + math.sin(turn) * second).reshape(50, 2),
-        noise=np.broadcast_to(noise**2 * np.eye(2), (50, 2, 2)),
-        sources=(Source(name="amount", images=image),),
-    )
-    ratio = shots / noise**2
-    along = math.cos(turn) ** 2 / (1.0 + ratio * prior**2)
-    expected = math.sqrt(ratio * size**2 * (math.sin(turn) ** 2 + along))
-    assert test.distance(shots) == pytest.approx(expected, rel=1e-6)
-    assert test.without("amount").distance(shots) == pytest.approx(math.sqrt(ratio) * size)
-    if angle_deg == 0.0:
-        assert test.distance(1e12) == pytest.approx(size / prior, rel=1e-4)
-
-
-def test_scores_have_the_stated_level_and_power() -> None:
-    """2000 measurements of either model, with known errors: 1 % of the true one are excluded, and a
-    model at the distance of `NEEDED` in 95 %; both to four deviations of a binomial."""
-    test = _test()
-    z = test.distance(4)
-    test = replace(test, change=test.change * NEEDED / z)
-    rng = np.random.default_rng(5)
-    count = 2000
-    errors = rng.standard_normal((count, test.change.size)) @ np.linalg.cholesky(_dense(test, 4)).T
-    true, wrong = np.array([test.p_values(row.reshape(test.change.shape), 4) for row in errors]).T
-    assert np.mean(true < LEVEL) == pytest.approx(LEVEL, abs=4 * math.sqrt(LEVEL / count))
-    power = np.mean(wrong < LEVEL)
-    assert power == pytest.approx(0.95, abs=4 * math.sqrt(0.05 * 0.95 / count))
-
-
 def _campaigns(
     rng: np.random.Generator, *, apart: float, wider: float, count: int
 ) -> Iterator[tuple[SeparationTest, list[Floats]]]:

@@ -1,35 +1,38 @@
-"""Standard errors of a pixel by the number of its references and injections."""
+"""Standard errors and goodness of fit of a pixel, in closed form."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve
+from cldit.dit.agreement import agreeing
+from cldit.dit.maps import Maps
 from cldit.dit.solve import Signals, solve
 
 SOURCE = np.array([1.0, 2.0, 4.0])
 VARIANCE = 1e-6
 
 
-def _error(references: float, injections: float) -> float:
-    """Standard error of the emissivity of a pixel that transmits 0.4."""
+def _maps(references: float, injections: float, residual: Floats | float = 0.0) -> Maps:
+    """Maps of a pixel that transmits 0.4; the means are off their lines by the `residual` (3,)."""
 
     def signals(slope: float, start: float, exposures: float) -> Signals:
         return Signals(
             source=SOURCE,
-            mean=(slope * SOURCE + start)[:, None, None],
+            mean=(slope * SOURCE + start + residual)[:, None, None],
             camera=lambda seen: np.full_like(seen, VARIANCE),
             exposures=np.full(3, exposures),
         )
 
-    maps = solve(
+    return solve(
         signals(1.0, 0.0, references),
         signals(0.4, 0.5, injections),
         usable=np.ones((3, 1, 1), bool),
         curve=Curve(filter_um=(3.3, 3.5)),
-    ).maps
-    return float(maps.emissivity_standard_error[0, 0])
+    )[0]
 
 
 @pytest.mark.parametrize(("references", "injections"), [(2.0, 32.0), (32.0, 2.0), (5.0, 5.0)])
@@ -38,4 +41,29 @@ def test_each_kind_has_the_error_of_its_own_number(references: float, injections
     the number of exposures and the sum of squares of SOURCE."""
     spread = float(np.sum((SOURCE - SOURCE.mean()) ** 2))
     expected = np.sqrt(VARIANCE / spread * (0.4**2 / references + 1.0 / injections))
-    assert _error(references, injections) == pytest.approx(expected, rel=1e-5)
+    error = _maps(references, injections).emissivity_standard_error[0, 0]
+    assert float(error) == pytest.approx(expected, rel=1e-5)
+
+
+def test_three_backgrounds_have_two_degrees_of_freedom() -> None:
+    """A residual in the direction that no line of three points has, of 3 and 2 exposures: its
+    square over the variances of both means, of six means and four fitted values."""
+    direction = np.cross(SOURCE, np.ones(3))
+    residual = 1.5e-3 * direction / np.sqrt(direction @ direction)
+    square = 1.5e-3**2 / VARIANCE * (3.0 + 2.0)
+    maps = _maps(3.0, 2.0, residual)
+    assert maps.reduced_chi2[0, 0] == pytest.approx(square / 2.0, rel=1e-5)
+    assert maps.fit_probability[0, 0] == pytest.approx(chi2.sf(square, 2), rel=1e-4)
+
+
+def test_errors_are_widened_until_they_agree_with_the_residuals() -> None:
+    """Four times the variance that is stated, at four backgrounds: errors are doubled, and reduced
+    chi-square is 1 of 2 K - 4 = 4 degrees of freedom."""
+    image = np.ones((9, 9), np.float32)
+    maps = Maps(image, 400.0 * image, 0.01 * image, image, np.zeros((9, 9), np.uint8),
+                4.0 * image, 1e-4 * image, image)  # fmt: skip
+    widened, remark = agreeing(maps, np.full((9, 9), 4))
+    assert "widened by 2 (median)" in remark
+    np.testing.assert_allclose(widened.apparent_temperature_standard_error_K, 2.0, rtol=1e-6)
+    np.testing.assert_allclose(widened.reduced_chi2, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(widened.fit_probability, chi2.sf(4.0, 4), rtol=1e-5)

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
@@ -22,7 +22,6 @@ from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, parse_scene
 
-Floats = NDArray[np.float64]
 COUNT = 200
 SCENE = parse_scene(
     {

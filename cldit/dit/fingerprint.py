@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+EIGHTH = 8  # part of rows and columns that is a margin at each edge
 _VALUES = 32  # distinct counts: all of them even by chance in 1 of 2^32 images
 
 
@@ -64,7 +65,7 @@ def inner(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def _margins(pixels: int) -> slice:
-    return slice(pixels // 8, pixels - pixels // 8)
+    return slice(pixels // EIGHTH, pixels - pixels // EIGHTH)
 
 
 @cache
