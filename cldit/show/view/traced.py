@@ -48,7 +48,6 @@ def traced_item(run: Run, *, source: str) -> Item:
     scene = run.scene
     stack = _Stack(run)
     x, _, z = scene.target_m
-    sensor = SensorModel.from_scene(scene)
     nodes = run.quadrature.nodes
     head: dict[str, Any] = {
         "kind": "run",
@@ -59,29 +58,8 @@ def traced_item(run: Run, *, source: str) -> Item:
         **place_of(run.reference.background.shape, run.pixel_m, (x, z)),
         "window_mm": spray_window(run.maps, frame_of(run.scene)),
         "ends": planck_ends(run.quadrature.filter_um),
-        "scene": {
-            "backgrounds_K": list(scene.background.temperatures_K),
-            "emissivity": scene.background.emissivity,
-            "around_K": scene.background.surroundings_K,
-            "wall_K": scene.walls.temperature_K,
-            "camera_K": scene.camera.surroundings_K,
-            "patches": [
-                {"name": patch.name, "K": patch.temperature_K, "emissivity": patch.emissivity}
-                for patch in scene.patches
-            ],
-            "windows_K": {window.side: window.temperature_K for window in scene.windows},
-            "shots": scene.plan.shots,
-            "references": scene.plan.references,
-            "read_noise_electrons": scene.camera.sensor.read_noise_electrons,
-        },
-        "sensor": {
-            "electrons_per_radiance_s": sensor.electrons_per_radiance / sensor.integration_time_s,
-            "integration_time_s": sensor.integration_time_s,
-            "fixed_time": scene.camera.sensor.integration_time_s is not None,
-            "offset_counts": sensor.offset_counts,
-            "saturation_counts": sensor.saturation_counts,
-            "electrons_per_count": sensor.electrons_per_count,
-        },
+        "scene": _scene_data(scene),
+        "sensor": _sensor_data(scene),
         "panes": {
             "nodes": [
                 {window.side: _plain(node.pane(window)) for window in scene.windows}
@@ -111,6 +89,37 @@ def traced_item(run: Run, *, source: str) -> Item:
             total = rounded(maps[TOTAL][stack.covered], ERROR_BITS)
             arrays[f"{prefix}simulation_error"] = total
     return Item(head, arrays)
+
+
+def _scene_data(scene: Scene) -> dict[str, Any]:
+    """Values of a scene that the page may change, or that its equation needs."""
+    return {
+        "backgrounds_K": list(scene.background.temperatures_K),
+        "emissivity": scene.background.emissivity,
+        "around_K": scene.background.surroundings_K,
+        "wall_K": scene.walls.temperature_K,
+        "camera_K": scene.camera.surroundings_K,
+        "patches": [
+            {"name": patch.name, "K": patch.temperature_K, "emissivity": patch.emissivity}
+            for patch in scene.patches
+        ],
+        "windows_K": {window.side: window.temperature_K for window in scene.windows},
+        "shots": scene.plan.shots,
+        "references": scene.plan.references,
+        "read_noise_electrons": scene.camera.sensor.read_noise_electrons,
+    }
+
+
+def _sensor_data(scene: Scene) -> dict[str, Any]:
+    sensor = SensorModel.from_scene(scene)
+    return {
+        "electrons_per_radiance_s": sensor.electrons_per_radiance / sensor.integration_time_s,
+        "integration_time_s": sensor.integration_time_s,
+        "fixed_time": scene.camera.sensor.integration_time_s is not None,
+        "offset_counts": sensor.offset_counts,
+        "saturation_counts": sensor.saturation_counts,
+        "electrons_per_count": sensor.electrons_per_count,
+    }
 
 
 def _plain(pane: Pane) -> list[float]:

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from cldit.cli import main
 
 COMMANDS = 14
-OPTIONS = 102
+OPTIONS = 96
 KEYS = 259
 WORDS = 45500
 _DOCS = Path(__file__).parents[3] / "docs"
