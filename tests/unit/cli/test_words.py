@@ -19,7 +19,7 @@ from tests.bench.scene_reference import reference
 COMMANDS = 14
 OPTIONS = 96
 KEYS = 259
-WORDS = 45500
+WORDS = 40000
 _DOCS = Path(__file__).parents[3] / "docs"
 _OLD = {
     "repeat": ("RUN", "cldit compare RUN --repeat"),
