@@ -259,10 +259,10 @@ def _below_nozzle(height_m: float) -> list[float]:
     return [0.0, 0.0, -(0.5 - _ABOVE) * height_m]
 
 
-def _phase(name: str | None) -> str | dict[str, float] | None:
+def _phase(name: str | None) -> str | float | None:
     """Phase function by its name; a number is g of Henyey and Greenstein."""
     try:
-        return None if name is None else {"henyey_greenstein": float(name)}
+        return None if name is None else float(name)
     except ValueError:
         return name
 

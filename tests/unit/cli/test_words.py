@@ -18,7 +18,7 @@ from tests.bench.scene_reference import reference
 
 COMMANDS = 14
 OPTIONS = 96
-KEYS = 259
+KEYS = 252
 WORDS = 40000
 _DOCS = Path(__file__).parents[3] / "docs"
 _OLD = {

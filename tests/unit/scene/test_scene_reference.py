@@ -47,7 +47,7 @@ def test_every_key_says_what_it_means(section: type[BaseModel]) -> None:
 
 def test_sections_are_found() -> None:
     names = {section.__name__ for section in EVERY}
-    assert {"Scene", "CfdSpray", "Histogram", "HenyeyGreenstein", "Window", "RigFile"} <= names
+    assert {"Scene", "CfdSpray", "Histogram", "Window", "RigFile"} <= names
 
 
 def test_page_holds_every_key_and_no_dead_link() -> None:
@@ -83,7 +83,7 @@ SHORT = {
     "spray": {"model": "cfd", "file": "case", "axis": "-y"},
     "camera": {"pixels": 64, "sensor": {"quantum_efficiency": "curve.csv"}},
     "optics": {"filter_um": "filter.csv"},
-    "transport": {"phase": {"henyey_greenstein": 0.5}},
+    "transport": {"phase": 0.5},
 }
 
 
