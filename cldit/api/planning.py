@@ -169,14 +169,14 @@ def _goal(
     error_K: float, emissivity_error: float, quantile: float, least_emissivity: float
 ) -> Goal:
     """The goal of a plan. Raises EvaluationError for numbers that are not allowed."""
-    for name, value, most in (
+    for name, value, largest in (
         ("error_K", error_K, np.inf),
         ("emissivity_error", emissivity_error, np.inf),
         ("quantile", quantile, 1.0),
         ("least_emissivity", least_emissivity, 1.0),
     ):
-        if not 0.0 < value <= most:
-            limit = "0 < value <= 1" if most == 1.0 else "above 0"
+        if not 0.0 < value <= largest:
+            limit = "0 < value <= 1" if largest == 1.0 else "above 0"
             raise EvaluationError(f"{name}: {value:g}; allowed: {limit}")
     return Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
 
@@ -198,16 +198,9 @@ def _figure(
 
 def _coldest_opaque_K(subject: Subject, design: Design, error_K: float) -> float:
     """Temperature down to which a design resolves an opaque spray to `error_K`."""
-    return float(
-        coldest_K(
-            subject,
-            design.backgrounds_K,
-            error_K=error_K,
-            emissivity=1.0,
-            shots=design.shots,
-            references=design.references,
-        )
-    )
+    sizes = {"shots": design.shots, "references": design.references}
+    backgrounds_K = design.backgrounds_K
+    return float(coldest_K(subject, backgrounds_K, error_K=error_K, emissivity=1.0, **sizes))
 
 
 def _opaque_errors(subject: Subject, backgrounds_K: Sequence[float]) -> dict[float, float]:

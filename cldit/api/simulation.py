@@ -60,9 +60,9 @@ def simulate(
     shared: dict[str, Any] = {
         "quick": quick, "pixels": pixels, "device": device, "progress": progress
     }  # fmt: skip
-    own: dict[str, Any] = {"cache": cache, "spray": spray, "like": like}
+    of_trace: dict[str, Any] = {"cache": cache, "spray": spray, "like": like}
     if not record:
-        return simulate_traces(scene, out, **shared, **own, watch=of_reading(watch))
-    if out is None or any(value is not None for value in own.values()):
+        return simulate_traces(scene, out, **shared, **of_trace, watch=of_reading(watch))
+    if out is None or any(value is not None for value in of_trace.values()):
         raise EvaluationError("record=True: allowed: with `out`, and without cache, spray and like")
     return run_experiment(scene, out, **shared, watch=watch)

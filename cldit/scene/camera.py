@@ -94,9 +94,7 @@ class Lens(Section):
 class Camera(Section):
     """Camera on the -y side of the target, looking along +y; image right is +x, image up is +z."""
 
-    _former: ClassVar[Former] = {
-        "exposure_times": (3, "three are solved, and the report has their error"),
-    }
+    _former: ClassVar[Former] = {"exposure_times": (3, "three are solved")}
 
     model: Literal["pinhole", "orthographic"] = "pinhole"
     """Lines of sight: `pinhole`, all through one point; `orthographic`, parallel."""

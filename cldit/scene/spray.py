@@ -142,6 +142,7 @@ class ConeSpray(Section):
 
 
 Rate = tuple[tuple[float, float], ...]
+RAMP_S = 5e-5  # of a needle, rise time and fall time
 
 
 def _table(value: object) -> object:
@@ -154,17 +155,12 @@ def _table(value: object) -> object:
 
 
 def _rising(table: Rate | None) -> Rate | None:
-    if table is None:
-        return None
-    times, flows = [row[0] for row in table], [row[1] for row in table]
-    if len(table) < 2 or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
+    times, flows = zip(*(table or ((0.0, 1.0), (1.0, 1.0))), strict=True)
+    if len(times) < 2 or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
         raise ValueError("times must rise from 0 or later; allowed: two rows or more")
     if min(flows) < 0 or max(flows) <= 0:
         raise ValueError("flows must not be negative, and one must be above 0")
     return table
-
-
-RAMP_S = 5e-5  # of a needle, rise time and fall time
 
 
 class FlowBox(Section):

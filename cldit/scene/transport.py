@@ -17,8 +17,7 @@ def _kind(value: object) -> str | None:
     """Tag of the type in `Phase` that checks a value; None: the value is no phase function."""
     if value in ("isotropic", "mie"):
         return "[name]"
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return "[number]" if number else None
+    return "[number]" if isinstance(value, (int, float)) and value is not True else None
 
 
 Phase = Annotated[
@@ -27,10 +26,7 @@ Phase = Annotated[
     Discriminator(
         _kind,
         custom_error_type="not_allowed",
-        custom_error_message=(
-            "is no phase function; allowed: isotropic, mie, or the g of Henyey and Greenstein, "
-            "-0.999..0.999"
-        ),
+        custom_error_message="allowed: isotropic, mie, or the g of Henyey and Greenstein",
     ),
     BeforeValidator(_asymmetry),
 ]

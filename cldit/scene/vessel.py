@@ -97,13 +97,10 @@ class Patch(Section):
     @classmethod
     def _without_shape(cls, data: Any) -> Any:
         """Takes the key `shape` of older versions, which the size implies."""
-        shape = isinstance(data, dict) and data.get("shape")
-        if not shape:
-            return data
-        size_key = {"disc": "radius_m", "rectangle": "size_m"}.get(shape)
-        if data.get(size_key) is None:
-            raise ValueError(f"shape: {shape} without {size_key}; allowed: radius_m or size_m")
-        return {key: value for key, value in data.items() if key != "shape"}
+        sizes = {"disc": "radius_m", "rectangle": "size_m"}
+        if isinstance(data, dict) and sizes.get(str(data.get("shape"))) in data:
+            return {key: value for key, value in data.items() if key != "shape"}
+        return data
 
     @model_validator(mode="after")
     def _fits(self) -> "Patch":

@@ -240,7 +240,7 @@ def test_a_patch_in_the_spray_is_refused(run_block: Callable[..., Run]) -> None:
         ([window(), window()], "the name window is used more than once"),
         ([window("Big one")], r"patches\[0\]\.name"),
         ([window(radius_m=None)], "neither of radius_m and size_m; allowed: one of them"),
-        ([window(shape="rectangle")], "shape: rectangle without size_m"),
+        ([window(shape="rectangle")], r"patches\[0\]\.shape: unknown key"),
         ([window(facing=[0, 0, 0])], "has no length"),
         ([window(f"w{n}") for n in range(17)], "17 patches; allowed: 0..16"),
     ],
