@@ -21,8 +21,7 @@ from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
 
-_STRATA = 400
-_WAVELENGTHS = 400
+_SAMPLES = 400  # of sizes and of wavelengths
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
 
     droplets = measured = None
     if sizes is not None:
-        strata = strata_m(sizes, _STRATA)
+        strata = strata_m(sizes, _SAMPLES)
         droplets = _solve(
             strata, wavelength_um=optics.wavelength_um, n=optics.n, k=optics.k, cache=cache
         )
@@ -156,9 +155,7 @@ def _liquid_rows(
     """Mean index of a liquid over the filter, its rows and its source; nothing without data."""
     if fluid is None:
         return None, [], []
-    n, k = (
-        float(np.mean(part)) for part in fluid.index(np.linspace(*filter_um, _WAVELENGTHS), fuel_K)
-    )
+    n, k = (float(np.mean(part)) for part in fluid.index(np.linspace(*filter_um, _SAMPLES), fuel_K))
     note = f"{fluid.status}, mean over the filter at {fuel_K:.0f} K"
     rows = [
         Row("n of the liquid", f"{optics.n:g}", f"{n:.4f}", "1.338", note),
@@ -171,7 +168,7 @@ def _liquid_rows(
 def _vapour_row(
     band: VapourBand, optics: Optics, filter_um: tuple[float, float], gas_K: float, fuel: str
 ) -> Row:
-    wavenumber_per_cm = 1e4 / np.linspace(*filter_um, _WAVELENGTHS)
+    wavenumber_per_cm = 1e4 / np.linspace(*filter_um, _SAMPLES)
     mean = float(np.mean(band.absorption_m2_mol(wavenumber_per_cm, gas_K))) * 1e4
     return Row(
         f"vapour of {band.species}, cm²/mol",
