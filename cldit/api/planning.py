@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from cldit.acquisition.plan import Plan, parse_plan, plan_from_scene
 from cldit.comparison.rivals import in_band
@@ -40,6 +41,9 @@ from cldit.study.separate import separate as separations_of
 # Temperatures of opaque sprays whose errors are reported: from that of a room to some 50 K above
 # the boiling point of n-heptane, 372 K.
 _OPAQUE_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
+
+LEAST_EMISSIVITY = 0.2
+"""Pixels of a smaller emissivity are ignored by default; at 0.2 an error of 0.02 is a tenth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +111,7 @@ def plan(
     *,
     emissivity_error: float = 0.02,
     quantile: float = 0.9,
-    least_emissivity: float = 0.2,
+    least_emissivity: float = LEAST_EMISSIVITY,
     limits_K: tuple[float, float] | None = None,
     suffix: str = ".png",
     device: Device | None = None,
@@ -134,56 +138,77 @@ def plan(
         EvaluationError: a number is not allowed, or no design reaches the errors.
         ClditError: as `cldit.simulate`.
     """
-    for name, value, allowed in (
-        ("error_K", error_K, error_K > 0.0),
-        ("emissivity_error", emissivity_error, emissivity_error > 0.0),
-        ("quantile", quantile, 0.0 < quantile <= 1.0),
-        ("least_emissivity", least_emissivity, 0.0 < least_emissivity <= 1.0),
-    ):
-        if not allowed:
-            limit = "0 < value <= 1" if name in ("quantile", "least_emissivity") else "above 0"
-            raise EvaluationError(f"{name}: {value:g}; allowed: {limit}")
+    goal = _goal(error_K, emissivity_error, quantile, least_emissivity)
     scene = chosen_scene(scene)
     folder = Path("runs") / f"{scene.name}-plan" if out is None else Path(out)
     run = simulate(scene, folder, device=device, progress=progress)
     subject = Subject.of(
         scene, run.quadrature, run.spectral, run.reference, least_emissivity=least_emissivity
     )
-    goal = Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
     shot_s = shot_time_s(scene)
     candidates = designs(subject, _blackbody(scene, limits_K), goal, shot_s=shot_s)
     best = chosen(candidates)
-    coldest = coldest_K(
-        subject,
-        best.backgrounds_K,
-        error_K=error_K,
-        emissivity=1.0,
-        shots=best.shots,
-        references=best.references,
-    )
-    backgrounds_K = scene.background.temperatures_K
-    opaque_errors: dict[float, float] = {}
-    if len(backgrounds_K) > 1:
-        opaque = opaque_errors_K(subject, np.array(_OPAQUE_K), backgrounds_K, emissivity=1.0)
-        opaque_errors = dict(zip(_OPAQUE_K, opaque.tolist(), strict=True))
     measurement = plan_of(best, scene)
     plan_file, rig_file = folder / "plan.yaml", folder / "rig.yaml"
     write_text(plan_file, measurement.dump())
     write_text(rig_file, dump_yaml(simulated_rig_data(scene, folder)))
-    lines = [
-        (design, *error_against_time(subject, design, goal, shot_s=shot_s)) for design in candidates
-    ]
-    figure = design_figure(lines, best, goal, title=f"{scene.name}: error against time")
+    figure = _figure(subject, candidates, best, goal, shot_s, scene.name)
     return PlannedMeasurement(
         goal=goal,
         designs=tuple(candidates),
         chosen=best,
         plan=measurement,
-        coldest_opaque_K=float(coldest),
-        opaque_errors_K=opaque_errors,
+        coldest_opaque_K=_coldest_opaque_K(subject, best, error_K),
+        opaque_errors_K=_opaque_errors(subject, scene.background.temperatures_K),
         folder=folder,
         files=(plan_file, rig_file, write_figure(figure, folder / f"design{suffix}")),
     )
+
+
+def _goal(
+    error_K: float, emissivity_error: float, quantile: float, least_emissivity: float
+) -> Goal:
+    """The goal of a plan. Raises EvaluationError for numbers that are not allowed."""
+    for name, value, largest in (
+        ("error_K", error_K, np.inf),
+        ("emissivity_error", emissivity_error, np.inf),
+        ("quantile", quantile, 1.0),
+        ("least_emissivity", least_emissivity, 1.0),
+    ):
+        if not 0.0 < value <= largest:
+            limit = "0 < value <= 1" if largest == 1.0 else "above 0"
+            raise EvaluationError(f"{name}: {value:g}; allowed: {limit}")
+    return Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
+
+
+def _figure(
+    subject: Subject,
+    candidates: Sequence[Design],
+    best: Design,
+    goal: Goal,
+    shot_s: float,
+    name: str,
+) -> Figure:
+    """Error of each design against the time of the measurement."""
+    lines = [
+        (design, *error_against_time(subject, design, goal, shot_s=shot_s)) for design in candidates
+    ]
+    return design_figure(lines, best, goal, title=f"{name}: error against time")
+
+
+def _coldest_opaque_K(subject: Subject, design: Design, error_K: float) -> float:
+    """Temperature down to which a design resolves an opaque spray to `error_K`."""
+    sizes = {"shots": design.shots, "references": design.references}
+    backgrounds_K = design.backgrounds_K
+    return float(coldest_K(subject, backgrounds_K, error_K=error_K, emissivity=1.0, **sizes))
+
+
+def _opaque_errors(subject: Subject, backgrounds_K: Sequence[float]) -> dict[float, float]:
+    """Errors of opaque sprays by their temperature; none for a single background."""
+    if len(backgrounds_K) < 2:
+        return {}
+    errors_K = opaque_errors_K(subject, np.array(_OPAQUE_K), backgrounds_K, emissivity=1.0)
+    return dict(zip(_OPAQUE_K, errors_K.tolist(), strict=True))
 
 
 def separate(
@@ -194,7 +219,7 @@ def separate(
     delays: Times | None = None,
     bands: Sequence[Scene | str | Path] = (),
     unknowns: Mapping[str, float | str] | str | Path | None = None,
-    least_emissivity: float = 0.2,
+    least_emissivity: float = LEAST_EMISSIVITY,
     limits_K: tuple[float, float] | None = None,
     device: Device | None = None,
     progress: Say | None = None,
@@ -222,15 +247,10 @@ def separate(
         StudyError: a key or deviation of `unknowns` is not allowed.
         ClditError: as `cldit.simulate`.
     """
-    models: Sequence[Scene] = (chosen_scene(one), chosen_scene(other))
-    baseline, rival = models
+    baseline, rival = chosen_scene(one), chosen_scene(other)
     folder = Path("runs") / f"{baseline.name}-or-{rival.name}" if out is None else Path(out)
     delays_s = SeriesPlan.of(baseline, delays).scenes if delays else baseline.plan.delays_s
-    filters = {scene.name: scene for scene in (chosen_scene(band) for band in bands)}
-    if filters:  # of a wheel, whose filters are named as the scenes
-        names = [baseline.name, *filters]
-        parse_plan({"backgrounds_K": [min(baseline.background.temperatures_K)], "filters": names},
-                   source="names of the scenes")  # fmt: skip
+    filters = _filters(baseline, [chosen_scene(band) for band in bands])
     free = unknowns_of(baseline, DEFAULT if unknowns is None else unknowns)
     separations = separations_of(
         baseline,
@@ -244,25 +264,40 @@ def separate(
         device=device,
         progress=progress,
     )
+    texts = tuple(unknown.text for unknown in free)
     planned = PlannedSeparation(
-        separations=tuple(separations),
-        unknowns=tuple(one.text for one in free),
-        plan=None,
-        folder=folder,
-        files=(),
+        separations=tuple(separations), unknowns=texts, plan=None, folder=folder, files=()
     )
+    return _with_plan(planned, baseline, filters)
+
+
+def _filters(baseline: Scene, bands: Sequence[Scene]) -> dict[str, Scene]:
+    """Scenes of further bands by name, which are the names of filters of a wheel."""
+    filters = {scene.name: scene for scene in bands}
+    if filters:
+        names = [baseline.name, *filters]
+        background_K = min(baseline.background.temperatures_K)
+        parse_plan({"backgrounds_K": [background_K], "filters": names}, source="names of scenes")
+    return filters
+
+
+def _with_plan(
+    planned: PlannedSeparation, baseline: Scene, filters: Mapping[str, Scene]
+) -> PlannedSeparation:
+    """Writes the plan of the fastest measurement; no number of shots may be enough."""
     best = planned.chosen
     if best.shots is None:
         return planned
     measured = baseline if best.delay_s is None else scene_at(baseline, best.delay_s)
     if best.band:
         measured = in_band(measured, filters[best.band])
-    measurement = plan_from_scene(measured)
     sizes = {"backgrounds_K": best.backgrounds_K, "shots": best.shots, "references": best.shots}
     wheel = (best.band or baseline.name,) if filters else ()
-    measurement = measurement.model_copy(update={**sizes, "delays_s": (), "filters": wheel})
-    write_text(folder / "plan.yaml", measurement.dump())
-    return replace(planned, plan=measurement, files=(folder / "plan.yaml",))
+    update = {**sizes, "delays_s": (), "filters": wheel}
+    measurement = plan_from_scene(measured).model_copy(update=update)
+    file = planned.folder / "plan.yaml"
+    write_text(file, measurement.dump())
+    return replace(planned, plan=measurement, files=(file,))
 
 
 def _blackbody(scene: Scene, limits_K: tuple[float, float] | None) -> BlackBody:

@@ -1,7 +1,7 @@
 """Several times of one spray: `cldit run SCENE --times ..`, and the same for a script."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cldit.api.experiment import Watch, of_reading, run_experiment
@@ -38,6 +38,12 @@ class Series:
         """Times that could not be run."""
         return tuple(series_time for series_time in self.times if series_time.state == "failed")
 
+    @property
+    def problems(self) -> list[str]:
+        """A line for each time without a run."""
+        without = [series_time for series_time in self.times if series_time.state != "done"]
+        return [f"{self.plan.text(missing.time)}: {missing.problem}" for missing in without]
+
 
 def run_series(
     scene: Scene | str | Path,
@@ -55,9 +61,8 @@ def run_series(
 ) -> Series:
     """Runs several times of a scene's spray, each into a folder of its own, and makes a film.
 
-    After an interruption of any kind, the same call continues: finished times are kept if the scene
-    and the files of the case are unchanged. The nozzle and the axis of a case are determined once.
-    A time without spray is reported; one that fails does not stop the others.
+    After an interruption, the same call continues: finished times are kept if scene and case are
+    unchanged. A time without spray is reported; one that fails does not stop the others.
 
     Args:
         scene: a scene, a shipped name, or a YAML file; its own time is ignored.
@@ -68,7 +73,7 @@ def run_series(
         device: OpenCL device; None chooses. Programs are built once for all times.
         progress: called with lines of text.
         watch: called with the progress of reading a case, and of the rig.
-        suffix: of the figures: .png, .pdf or .svg.
+        suffix: of the figures, .png, .pdf or .svg.
         ahead: called with the scene of each time by its folder before they are run, to trace them
             side by side.
 
@@ -81,11 +86,8 @@ def run_series(
         ClditError: as `cldit.simulate`, for faults that concern all times.
     """
     scene = chosen_scene(scene, quick=quick, pixels=pixels)
-    folder = Path(out)
-    say = progress or (lambda line: None)
+    folder, say, reading = Path(out), progress or (lambda line: None), of_reading(watch)
     _check_folder(folder, scene)
-
-    reading = of_reading(watch)
     plan = SeriesPlan.of(scene, times, watch=reading)
     for remark in plan.remarks:
         say(remark)
@@ -96,31 +98,31 @@ def run_series(
         def run(time_scene: Scene, place: Path) -> Run:
             if trace_only:
                 return simulate(time_scene, place, device=opened, progress=progress, watch=reading)
-            finished = _finished(time_scene, place)
-            if finished is not None:
-                say(f"{place}: finished before, kept")
-                return finished
-            return run_experiment(time_scene, place, device=opened, progress=progress, watch=watch)
+            return _recorded(time_scene, place, opened, say, watch)
 
         if ahead is not None:
             with times_together(tuple(plan.scenes)):
-                ahead(
-                    {
-                        folder / plan.folder(time): time_scene
-                        for time, time_scene in plan.scenes.items()
-                    }
-                )
+                ahead({folder / plan.folder(time): at for time, at in plan.scenes.items()})
         done = run_times(plan, folder, run, say)
-        if not any(series_time.state == "done" for series_time in done):
-            raise SprayError(
-                "\n".join(
-                    f"{plan.text(series_time.time)}: {series_time.problem}" for series_time in done
-                )
-            )
-        say(StageLine("figures and film"))
-        return Series(
-            plan, folder, done, tuple(write_series(plan, scene, done, folder, suffix=suffix))
-        )
+        return _shown(Series(plan, folder, done, ()), scene, suffix, say)
+
+
+def _shown(series: Series, scene: Scene, suffix: str, say: Say) -> Series:
+    """Series with its figures and film. Raises SprayError if no time could be run."""
+    if not any(series_time.state == "done" for series_time in series.times):
+        raise SprayError("\n".join(series.problems))
+    say(StageLine("figures and film"))
+    files = write_series(series.plan, scene, series.times, series.folder, suffix=suffix)
+    return replace(series, files=tuple(files))
+
+
+def _recorded(scene: Scene, place: Path, device: Device, say: Say, watch: Watch | None) -> Run:
+    """Run of one time with its recording, kept if it is finished."""
+    finished = _finished(scene, place)
+    if finished is not None:
+        say(f"{place}: finished before, kept")
+        return finished
+    return run_experiment(scene, place, device=device, progress=say, watch=watch)
 
 
 def _check_folder(folder: Path, scene: Scene) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from cldit.api.experiment import Watch, of_reading, run_experiment
 from cldit.errors import EvaluationError
@@ -56,23 +57,12 @@ def simulate(
         Stopped: the recording was interrupted; the same call resumes it.
         ClditError: a subclass, with the problem and a remedy.
     """
-
+    shared: dict[str, Any] = {
+        "quick": quick, "pixels": pixels, "device": device, "progress": progress
+    }  # fmt: skip
+    of_trace: dict[str, Any] = {"cache": cache, "spray": spray, "like": like}
     if not record:
-        return simulate_traces(
-            scene,
-            out,
-            quick=quick,
-            pixels=pixels,
-            device=device,
-            cache=cache,
-            spray=spray,
-            progress=progress,
-            watch=of_reading(watch),
-            like=like,
-        )
-    excluded = {"cache": cache, "spray": spray, "like": like}
-    if out is None or any(value is not None for value in excluded.values()):
+        return simulate_traces(scene, out, **shared, **of_trace, watch=of_reading(watch))
+    if out is None or any(value is not None for value in of_trace.values()):
         raise EvaluationError("record=True: allowed: with `out`, and without cache, spray and like")
-    return run_experiment(
-        scene, out, quick=quick, pixels=pixels, device=device, progress=progress, watch=watch
-    )
+    return run_experiment(scene, out, **shared, watch=watch)

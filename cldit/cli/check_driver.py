@@ -34,7 +34,6 @@ _STYLE = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.SKIPPED: 
     help="Kelvin; no set point above it is written to an instrument.",
 )
 @click.option("--heat-to", "heat_to_K", type=float, help="Kelvin; allows set points up to this.")
-@click.option("--all-faults", is_flag=True, help="Every fault of every reply; takes minutes.")
 @click.option("--yes", is_flag=True, help="Do not ask before an instrument is used.")
 @plain_errors
 def check_driver(
@@ -43,7 +42,6 @@ def check_driver(
     instrument: bool,
     ambient_K: float,
     heat_to_K: float | None,
-    all_faults: bool,
     yes: bool,
 ) -> None:
     """Check the driver NAME with its emulators, or with the instrument in RIG.
@@ -59,7 +57,7 @@ def check_driver(
     if not instrument:
         with_rig = f" with the settings of {rig}" if part else ""
         OUT.print(f"{name}, with its emulators{with_rig}:")
-        _end(_show(on_emulators(name, kind, settings, all_faults=all_faults)))
+        _end(_show(on_emulators(name, kind, settings)))
     if part is None:
         raise SceneError("--instrument: requires a RIG file with the driver and its address")
     warmest_K = ambient_K if heat_to_K is None else heat_to_K

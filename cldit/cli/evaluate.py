@@ -74,13 +74,7 @@ def evaluate(
     and delays into a folder each, with a table of the delays.
     """
     if write_measured is not None:
-        _, *missing = lines = measured_draft.write_measured(folder, write_measured)
-        for line in lines:
-            OUT.print(escaped(line))
-        if missing:
-            OUT.print(escaped(f"complete and uncomment these in {write_measured} first"))
-        print_next("cldit", "evaluate", write_measured)
-        return Outcome({"measured": write_measured})
+        return _draft(folder, write_measured)
     target = acquisition_in(folder)
     recorded = open_recorded(target, frame=frame)
     with ProgressBar() as bar:
@@ -120,6 +114,17 @@ def evaluate(
     return Outcome(
         {"delays": [_data(group) for group in evaluations]}, Exit.FAILED if problems else Exit.DONE
     )
+
+
+def _draft(folder: Path, measured: Path) -> Outcome:
+    """Writes a draft of measured.yaml, and prints what is missing in it."""
+    _, *missing = lines = measured_draft.write_measured(folder, measured)
+    for line in lines:
+        OUT.print(escaped(line))
+    if missing:
+        OUT.print(escaped(f"complete and uncomment these in {measured} first"))
+    print_next("cldit", "evaluate", measured)
+    return Outcome({"measured": measured})
 
 
 def _data(group: GroupEvaluation) -> dict[str, Any]:

@@ -108,9 +108,6 @@ _CASE = (
     click.option("--cloud", help="Cloud of parcels if there are several; `none`: gas only."),
     click.option("--fuel-field", help="Cell field of the fuel's mass fraction; default: C7H16."),
     click.option(
-        "--fuel-molar-mass", "fuel_molar_mass_kg_mol", type=float, help="kg/mol; default: 0.100204."
-    ),
-    click.option(
         "--nozzle", "nozzle_m", type=(float, float, float), help="In the case's coordinates, m."
     ),
     click.option(

@@ -4,7 +4,13 @@ from pathlib import Path
 
 import click
 
-from cldit.api.planning import PlannedMeasurement, plan, separate
+from cldit.api.planning import (
+    LEAST_EMISSIVITY,
+    PlannedMeasurement,
+    PlannedSeparation,
+    plan,
+    separate,
+)
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, plain_errors, print_table, say
 from cldit.cli.options import KELVIN, PATH, SCENE, device_option, figures_option
@@ -38,31 +44,6 @@ from cldit.scene.delays import delay_text
     type=PATH,
     help="With --separate: YAML file of what is not known, KEY: DEVIATION.",
 )
-@click.option(
-    "--emissivity-error",
-    type=click.FloatRange(1e-5, 1.0),
-    default=0.02,
-    help="Requested for the emissivity.",
-)
-@click.option(
-    "--quantile",
-    type=click.FloatRange(0.01, 1.0),
-    default=0.9,
-    help="Share of the pixels that must reach the error.",
-)
-@click.option(
-    "--emissivity",
-    "least_emissivity",
-    type=click.FloatRange(1e-3, 1.0),
-    default=0.2,
-    help="Pixels below it are ignored.",
-)
-@click.option(
-    "--limits",
-    "limits_K",
-    type=(KELVIN, KELVIN),
-    help="Of the black body; default: lowest and highest background of the scene.",
-)
 @click.option("--out", type=PATH, help="Folder; default: runs/SCENE-plan.")
 @figures_option
 @device_option
@@ -75,10 +56,6 @@ def plan_command(
     delays: str | None,
     bands: tuple[str, ...],
     unknowns: Path | None,
-    emissivity_error: float,
-    quantile: float,
-    least_emissivity: float,
-    limits_K: tuple[float, float] | None,
     out: Path | None,
     suffix: str | None,
     device: str | None,
@@ -91,23 +68,17 @@ def plan_command(
     if rivals is not None:
         if scene is not None or error_K is not None:
             raise click.UsageError("--separate A B takes the place of SCENE and --error")
-        separation = separate(
-            *rivals,
-            out,
-            delays=delays,
-            bands=bands,
-            unknowns=unknowns,
-            least_emissivity=least_emissivity,
-            limits_K=limits_K,
-            device=open_device(device),
-            progress=say,
+        return _separate(
+            separate(
+                *rivals,
+                out,
+                delays=delays,
+                bands=bands,
+                unknowns=unknowns,
+                device=open_device(device),
+                progress=say,
+            )
         )
-        _print_separations(separation.separations)
-        OUT.print(f"not known: {', '.join(separation.unknowns) or 'nothing'}")
-        OUT.print(separation.chosen.text, style="bold")
-        print_files(*separation.files)
-        code = Exit.DIFFERS if separation.plan is None else Exit.DONE
-        return Outcome(separation.to_dict(), code)
     if scene is None or error_K is None or delays or bands or unknowns:
         raise click.UsageError(
             "allowed: SCENE --error K, or --separate A B with --delays, --band and --unknowns"
@@ -119,15 +90,29 @@ def plan_command(
             scene,
             error_K,
             out,
-            emissivity_error=emissivity_error,
-            quantile=quantile,
-            least_emissivity=least_emissivity,
-            limits_K=limits_K,
             suffix=suffix or ".png",
             device=open_device(device),
             progress=bar.say,
         )
-    _print_designs(planned, least_emissivity)
+    _print_designs(planned)
+    _print_opaque(planned)
+    print_files(*planned.files)
+    plan_file, rig_file, _ = planned.files
+    print_next("cldit", "acquire", rig_file, plan_file, "--out", planned.folder / "shots")
+    return Outcome(planned.to_dict())
+
+
+def _separate(planned: PlannedSeparation) -> Outcome:
+    """Prints the plans to tell two models apart; the status is 3 if none is enough."""
+    _print_separations(planned.separations)
+    OUT.print(f"not known: {', '.join(planned.unknowns) or 'nothing'}")
+    OUT.print(planned.chosen.text, style="bold")
+    print_files(*planned.files)
+    return Outcome(planned.to_dict(), Exit.DIFFERS if planned.plan is None else Exit.DONE)
+
+
+def _print_opaque(planned: PlannedMeasurement) -> None:
+    """Prints the errors of opaque sprays, and down to which temperature the plan resolves one."""
     if planned.opaque_errors_K:
         errors = ", ".join(
             f"{error:.2g} K at {kelvin:g} K" for kelvin, error in planned.opaque_errors_K.items()
@@ -138,13 +123,9 @@ def plan_command(
         )
     OUT.print(
         f"With a {planned.chosen.integration_time_s * 1e6:g} us exposure, this plan resolves an "
-        f"opaque spray to {error_K:g} K down to {planned.coldest_opaque_K:.0f} K.",
+        f"opaque spray to {planned.goal.error_K:g} K down to {planned.coldest_opaque_K:.0f} K.",
         style="bold",
     )
-    print_files(*planned.files)
-    plan_file, rig_file, _ = planned.files
-    print_next("cldit", "acquire", rig_file, plan_file, "--out", planned.folder / "shots")
-    return Outcome(planned.to_dict())
 
 
 def _print_separations(separations: tuple[Separation, ...]) -> None:
@@ -169,10 +150,10 @@ def _print_separations(separations: tuple[Separation, ...]) -> None:
     print_table("delay", "band", "backgrounds / K", "shots", "sigma", *single, *errors, rows=rows)
 
 
-def _print_designs(planned: PlannedMeasurement, least_emissivity: float) -> None:
+def _print_designs(planned: PlannedMeasurement) -> None:
     goal = planned.goal
     OUT.print(
-        f"{100 * goal.quantile:g} % of the pixels of emissivity {least_emissivity:g} and more "
+        f"{100 * goal.quantile:g} % of the pixels of emissivity {LEAST_EMISSIVITY:g} and more "
         f"within {goal.error_K:g} K and {goal.emissivity_error:g}:"
     )
     rows = [

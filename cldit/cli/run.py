@@ -134,45 +134,17 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
 def run(
     scene: str,
     out: Path | None,
-    cfd: Path | None,
-    order: int | None,
-    method: str | None,
-    phase: str | None,
-    preset: str | None,
-    accuracy: tuple[float, float | None] | None,
     device: str | None,
-    changes: tuple[str, ...],
-    pixels: str | None,
-    field_mm: str | None,
     times: str | None,
-    members: int | None,
     workers: int | None,
     scheduler: str | None,
-    quick: bool,
     trace_only: bool,
     suffix: str | None,
     verbose: bool,
     **options: Any,
 ) -> Outcome:
     """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
-    transport = {
-        "order": order,
-        "method": method,
-        "phase": _phase(phase),
-    }
-    keys = spray_keys(options)
-    if times is not None and "time_s" in keys:
-        raise SceneError(f"--times {times} and --time {keys['time_s']}: allowed: one of them")
-    if "mapping" in keys:
-        keys["mapping"] = str(keys["mapping"].resolve())
-    chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
-    longer = None if quick or field_mm is None else max(chosen.camera.pixels)
-    counts: int | list[int] | None = longer if pixels is None else pixels_of(pixels)
-    chosen = chosen.with_(**_field_changes(chosen, field_mm))
-    chosen = chosen.with_(**short_changes(chosen, quick=quick, pixels=counts, accuracy=accuracy))
-    chosen = chosen.with_(**dict(parse_change(change) for change in changes))
-    if members is not None:
-        chosen = chosen.with_(**{"spray.scatter.members": members})
+    chosen = _chosen(scene, times, **options)
     kept_scene = SCENE_FILE if times is None else SERIES_FILE
     folder = out or free_folder(Path("runs") / chosen.name, chosen, kept_scene)
     opened = open_device(device)
@@ -182,11 +154,9 @@ def run(
         OUT.print(escaped(f"{taken} has another scene; this run goes to {folder}"))
     if verbose:
         OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
+    shared = {"workers": workers, "scheduler": scheduler, "device": opened}
+    aside = workers is not None or scheduler is not None
     with ProgressBar(stages=verbose) as bar:
-        shared = {"workers": workers, "scheduler": scheduler, "device": opened}
-        aside = workers is not None or scheduler is not None
-        if aside and times is None:
-            _members_aside(chosen, folder, bar, shared)
         # The rig, the evaluation and figures take seconds to import.
         if times is not None:
             from cldit.api.series import run_series
@@ -202,7 +172,10 @@ def run(
                 suffix=suffix or ".png",
                 ahead=partial(_times_aside, bar, shared) if aside else None,
             )
-        elif trace_only:
+            return _series_outcome(series)
+        if aside:
+            _members_aside(chosen, folder, bar, shared)
+        if trace_only:
             result = simulate(chosen, folder, device=opened, progress=bar.say, watch=bar.count)
         else:
             from cldit.api.experiment import run_experiment
@@ -210,12 +183,10 @@ def run(
             result = run_experiment(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
-        if times is None and suffix is not None and not (suffix == ".png" and result.measured):
+        if suffix is not None and not (suffix == ".png" and result.measured):
             from cldit.show.report.run_report import write_figures
 
             write_figures(result, suffix=suffix)
-    if times is not None:
-        return _series_outcome(series)
     if verbose:
         _print_stages(result)
     _print_run(result, suffix)
@@ -288,23 +259,38 @@ def _below_nozzle(height_m: float) -> list[float]:
     return [0.0, 0.0, -(0.5 - _ABOVE) * height_m]
 
 
-def _phase(name: str | None) -> str | dict[str, float] | None:
+def _phase(name: str | None) -> str | float | None:
     """Phase function by its name; a number is g of Henyey and Greenstein."""
     try:
-        return None if name is None else {"henyey_greenstein": float(name)}
+        return None if name is None else float(name)
     except ValueError:
         return name
 
 
-def _changed(
-    scene: Scene,
+def _chosen(
+    name: str,
+    times: str | None,
     *,
     cfd: Path | None,
-    keys: dict[str, Any],
+    order: int | None,
+    method: str | None,
+    phase: str | None,
     preset: str | None,
-    transport: dict[str, Any],
+    accuracy: tuple[float, float | None] | None,
+    changes: tuple[str, ...],
+    pixels: str | None,
+    field_mm: str | None,
+    members: int | None,
+    quick: bool,
+    **case: Any,
 ) -> Scene:
     """Scene with the values of the command line, checked again."""
+    keys = spray_keys(case)
+    if times is not None and "time_s" in keys:
+        raise SceneError(f"--times {times} and --time {keys['time_s']}: allowed: one of them")
+    if "mapping" in keys:
+        keys["mapping"] = str(keys["mapping"].resolve())
+    scene = load_scene(name)
     data = scene.model_dump(mode="json")
     if cfd is not None:
         data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), **keys}
@@ -317,8 +303,15 @@ def _changed(
         data["spray"].update(keys)
     if preset is not None:
         data["optics"]["preset"] = preset
+    transport = {"order": order, "method": method, "phase": _phase(phase)}
     data["transport"].update({key: value for key, value in transport.items() if value is not None})
-    return parse_scene(data, source="command line")
+    scene = parse_scene(data, source="command line")
+    longer = None if quick or field_mm is None else max(scene.camera.pixels)
+    counts: int | list[int] | None = longer if pixels is None else pixels_of(pixels)
+    scene = scene.with_(**_field_changes(scene, field_mm))
+    scene = scene.with_(**short_changes(scene, quick=quick, pixels=counts, accuracy=accuracy))
+    scene = scene.with_(**dict(parse_change(change) for change in changes))
+    return scene if members is None else scene.with_(**{"spray.scatter.members": members})
 
 
 def _print_stages(result: Run) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.scene.schema import Scene
-from cldit.scene.transport import HenyeyGreenstein, Phase
+from cldit.scene.transport import Phase
 from cldit.spray.result import Spray
 
 Cumulative = Callable[[Floats], Floats]
@@ -41,10 +41,9 @@ class ScenePhase:
 
 def named_phase(phase: Phase) -> ScenePhase:
     """The phase function that a scene names in `transport.phase`."""
-    if isinstance(phase, HenyeyGreenstein):
-        g = phase.henyey_greenstein
-        name = f"Henyey and Greenstein, g {g:g}"
-        return ScenePhase(name=name, asymmetry=g, cumulative=henyey_greenstein(g))
+    if isinstance(phase, float):
+        name = f"Henyey and Greenstein, g {phase:g}"
+        return ScenePhase(name=name, asymmetry=phase, cumulative=henyey_greenstein(phase))
     if phase == "isotropic":
         return ScenePhase(name=phase, asymmetry=0.0)
     if phase == "mie":
@@ -61,7 +60,7 @@ def scene_phase(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"]
     if has_coefficients(spray):
         remark = (
             "droplets given as coefficients, without diameters, are taken to scatter "
-            "isotropically; set transport.phase: {henyey_greenstein: g} if g is known"
+            "isotropically; set transport.phase to the g of Henyey and Greenstein if it is known"
         )
         return ScenePhase(name="isotropic (no diameters)", asymmetry=0.0, remarks=(remark,))
     if scene.transport.method == "branching":

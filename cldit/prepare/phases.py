@@ -42,7 +42,7 @@ def mean_phase(
     if has_coefficients(spray):
         raise PhaseError(
             "transport.phase: mie needs droplet diameters, and this spray gives coefficients only; "
-            "allowed: isotropic, {henyey_greenstein: g}"
+            "allowed: isotropic, or the g of Henyey and Greenstein"
         )
     if points is None or spray.parcels is None or band.droplets is None:
         return None

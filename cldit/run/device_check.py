@@ -232,7 +232,7 @@ _PATCH: dict[str, Any] = {
     "centre_m": [0.0, -0.1, 0.05],
     "facing": [0.0, 1.0, 0.0],
 }
-_PATCH |= {"shape": "rectangle", "size_m": [0.1, 0.06], "temperature_K": 400.0}
+_PATCH |= {"size_m": [0.1, 0.06], "temperature_K": 400.0}
 _CAMERA = {"distance_m": 0.3, "field_m": [0.12, 0.12], "pixels": [8, 8], "rays_per_pixel": 1}
 _TRANSPORT = {"audit": False, "accuracy_K": 4.0, "directions": 16, "max_samples": 128}
 _PATHS = 64  # of the audit: two batches, whatever their noise is on a device

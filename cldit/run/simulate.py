@@ -53,27 +53,10 @@ def simulate(
     watch: Watch = silent,
     like: Run | None = None,
 ) -> Run:
-    """Traces a scene and evaluates it without noise.
+    """Traces a scene and evaluates it without noise: `cldit.simulate` without a rig.
 
-    With several injections (`spray.scatter.members`), the run is that of their mean light.
-
-    Args:
-        scene: or the name of a shipped one (`gdi`), or the path of a YAML file.
-        out: folder to store the run in; None keeps it in memory. A folder that holds the same
-            scene, finished, is read instead of traced again.
-        quick: True for a preview: 128 pixels along the longer side and a tolerance of 4 K.
-        pixels: columns and rows, or one number for both; None: those of the scene.
-        device: OpenCL device; None lets `open_device` choose (the run says which and why).
-        cache: folder for tables and computed sprays; None is `default_cache()`.
-        spray: the scene's spray, if it was made already; None makes it.
-        progress: called with a line of text as things happen.
-        watch: takes the progress of reading a CFD case.
-        like: run whose resolution is taken; the error is then not estimated.
-
-    Raises:
-        RunFolderError: the folder has another scene, or another process writes to it.
-        SprayError: `spray` is given for several injections.
-        ClditError: a subclass, with the problem and a remedy.
+    Arguments, run and errors are those of `cldit.simulate`; `watch` takes the progress of reading
+    a CFD case alone.
     """
     scene = chosen_scene(scene, quick=quick, pixels=pixels)
     cache = cache or default_cache()

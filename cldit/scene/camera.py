@@ -64,10 +64,11 @@ def square_pixels(field_m: tuple[float, float], longer: int) -> tuple[int, int]:
 class Lens(Section):
     """Lens of finite aperture: what is out of focus is blurred."""
 
-    _former: ClassVar[Former] = {"f_number": (None, "use camera.sensor.f_number")}
+    _former: ClassVar[Former] = {
+        "f_number": (None, "use camera.sensor.f_number"),
+        "focal_length_m": (None, "it follows from distance_m, field_m and sensor.pitch_m"),
+    }
 
-    focal_length_m: Annotated[float, Within(1e-4, 10.0)] | None = None
-    """Focal length. Default: the one that images the field of view onto the sensor."""
     focus_m: Length | None = None
     """Distance from the camera to the plane in focus. Default: the target's."""
     diffraction: bool = True
@@ -93,6 +94,8 @@ class Lens(Section):
 class Camera(Section):
     """Camera on the -y side of the target, looking along +y; image right is +x, image up is +z."""
 
+    _former: ClassVar[Former] = {"exposure_times": (3, "three are solved")}
+
     model: Literal["pinhole", "orthographic"] = "pinhole"
     """Lines of sight: `pinhole`, all through one point; `orthographic`, parallel."""
     distance_m: Annotated[float, Within(1e-3, 1e3)] = 1.0
@@ -110,9 +113,7 @@ class Camera(Section):
     sensor: Sensor = Sensor()
     """Sensor and lens."""
     exposure: Literal["instant", "times", "smear"] = "instant"
-    """`instant`: no motion; `times`: mean light of several times; `smear`: droplets move alone."""
-    exposure_times: Literal[3, 5, 7, 9] = 3
-    """Number of sprays of `exposure: times`, each solved."""
+    """`instant`: no motion; `times`: mean light of three times; `smear`: droplets move alone."""
     lens: Lens | None = None
     """Lens of the sensor's f-number. Default: none, a pinhole, with everything in focus."""
 
@@ -166,10 +167,9 @@ class Camera(Section):
 
     @property
     def focal_length_m(self) -> float:
-        """Focal length of the lens, by default that which images the field onto the sensor."""
+        """Focal length of the lens, which images the field onto the sensor."""
         sensor_m = self.distance_m * self.sensor.pitch_m / self.pixel_m  # behind the lens
-        stated_m = self.lens and self.lens.focal_length_m
-        return stated_m or 1.0 / (1.0 / self.focus_m + 1.0 / sensor_m)
+        return 1.0 / (1.0 / self.focus_m + 1.0 / sensor_m)
 
     @property
     def aperture_m(self) -> float:

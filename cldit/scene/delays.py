@@ -3,8 +3,7 @@
 from cldit.errors import SceneError
 from cldit.scene.schema import Scene
 
-SAME_s = 1e-6
-"""Delays that differ by less are equal."""
+SAME_s = 1e-6  # delays that differ by less are equal
 
 
 def same_time(time_s: float | None, delay_s: float | None) -> bool:

@@ -83,8 +83,7 @@ def _check_effects(scene: Scene, scatter: Scatter) -> None:
             f"spray.scatter.members: {scatter.members} injections without a difference; give "
             "spray.scatter.start_s, mass, .. as well"
         )
-    if scatter.duration_s > 0.0 and spray.model == "lagrangian" and spray.rate.table:
+    if scatter.duration_s > 0.0 and spray.model == "lagrangian" and spray.rate:
         raise SceneError(
-            "spray.scatter.duration_s: has no effect, since spray.rate.table has the times; "
-            "allowed: 0"
+            "spray.scatter.duration_s: has no effect, since spray.rate has the times; allowed: 0"
         )

@@ -4,7 +4,7 @@ Defaults are the paper's values (Section "Ray Tracing") where it gives them.
 """
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -12,11 +12,11 @@ from cldit.errors import SceneError
 from cldit.io.plain_data import dump_yaml
 from cldit.scene.camera import Camera
 from cldit.scene.change import changed
-from cldit.scene.checks import Section, Within, describe
+from cldit.scene.checks import Former, Section, Within, describe
 from cldit.scene.optics import Optics
 from cldit.scene.spray import Spray, gas_jet_of_0_1
 from cldit.scene.transport import Transport
-from cldit.scene.values import Point, Temperature
+from cldit.scene.values import Point
 from cldit.scene.vessel import Background, Domain, Patches, Walls, Windows
 
 _GAS_OF_0_1 = "cone", "methane"  # model and fuel of a spray
@@ -25,10 +25,11 @@ _GAS_OF_0_1 = "cone", "methane"  # model and fuel of a spray
 class Rig(Section):
     """Behaviour of the simulated rig."""
 
+    background_start_K: ClassVar[float] = 295.0  # that of a room
+    _former: ClassVar[Former] = {"background_start_K": (295.0, "it is 295 K, that of a room")}
+
     background_time_constant_s: Annotated[float, Within(0.0, 1e5)] = 120.0
     """Time constant with which the black body approaches its set point."""
-    background_start_K: Temperature = 295.0
-    """Temperature of the black body when the sequence begins."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     """Random seed of noise and of `spray.scatter.optical_depth`."""
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator
 
 from cldit.constants import HEPTANE_MOLAR_MASS_kg_mol
 from cldit.scene.checks import Former, Section, Within, length
@@ -141,27 +141,26 @@ class ConeSpray(Section):
         return 0.5e-3 if self.spacing_m is None else self.spacing_m
 
 
-class InjectionRate(Section):
-    """Fuel mass flow over time: a trapezoid, or a table."""
+Rate = tuple[tuple[float, float], ...]
+RAMP_S = 5e-5  # of a needle, rise time and fall time
 
-    ramp_s: Annotated[float, Within(0.0, 1.0)] = 5e-5
-    """Rise time and fall time, within the injection's duration."""
-    table: tuple[tuple[float, float], ...] | None = None
-    """Pairs of time (s) and relative flow, in place of ramp and duration."""
 
-    @field_validator("table")
-    @classmethod
-    def _rising(
-        cls, table: tuple[tuple[float, float], ...] | None
-    ) -> tuple[tuple[float, float], ...] | None:
-        if table is None:
-            return None
-        times, flows = [row[0] for row in table], [row[1] for row in table]
-        if len(table) < 2 or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
-            raise ValueError("times must rise from 0 or later; allowed: two rows or more")
-        if min(flows) < 0 or max(flows) <= 0:
-            raise ValueError("flows must not be negative, and one must be above 0")
-        return table
+def _table(value: object) -> object:
+    """The pairs of a rate; older versions had a section with `table` or `ramp_s`."""
+    if not isinstance(value, dict):
+        return value
+    if value.get("table") is None and value.get("ramp_s", RAMP_S) != RAMP_S:
+        raise ValueError("ramp_s: no key of this version; give pairs of time and flow")
+    return value.get("table")
+
+
+def _rising(table: Rate | None) -> Rate | None:
+    times, flows = zip(*(table or ((0.0, 1.0), (1.0, 1.0))), strict=True)
+    if len(times) < 2 or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
+        raise ValueError("times must rise from 0 or later; allowed: two rows or more")
+    if min(flows) < 0 or max(flows) <= 0:
+        raise ValueError("flows must not be negative, and one must be above 0")
+    return table
 
 
 class FlowBox(Section):
@@ -194,8 +193,8 @@ class LagrangianSpray(Section):
     """Fuel mass of the whole injection."""
     injection_duration_s: Annotated[float, Within(1e-5, 1.0)] = 1.5e-3
     """Time from the first fuel to the last."""
-    rate: InjectionRate = InjectionRate()
-    """Fuel mass flow over time."""
+    rate: Annotated[Rate | None, BeforeValidator(_table), AfterValidator(_rising)] = None
+    """Pairs of time (s) and relative flow. Default: a trapezoid with ramps of 50 us."""
     injection_pressure_Pa: Annotated[float, Within(1e5, 5e8)] = 20e6
     """Fuel pressure in the injector."""
     hole_diameter_m: Annotated[float, Within(1e-6, 1e-2)] = 165e-6
@@ -239,7 +238,9 @@ def gas_jet_of_0_1(spray: Mapping[str, Any]) -> dict[str, Any]:
     """A cone of methane, which versions before 0.2 had, as a computed jet of gas."""
     only = ("evaporation", "size_classes", "spacing_m", "parcels_per_cell", "seed")
     kept = {key: value for key, value in spray.items() if key not in only}
-    return {"rate": {"ramp_s": 0.0}, **kept, "model": "lagrangian", "droplets": None}
+    end_s = kept.get("injection_duration_s", 1.5e-3)
+    even = [[0.0, 1.0], [end_s, 1.0]]
+    return {"rate": even, **kept, "model": "lagrangian", "droplets": None}
 
 
 class GridSpray(Section):

@@ -2,35 +2,33 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
 from cldit.scene.checks import Section, Within
 
 
-class HenyeyGreenstein(Section):
-    """Henyey-Greenstein phase function."""
-
-    henyey_greenstein: Annotated[float, Within(-0.999, 0.999)]
-    """Mean cosine g of the scattering angle."""
+def _asymmetry(value: object) -> object:
+    """The number of `{henyey_greenstein: g}`, as older versions had it."""
+    section = isinstance(value, dict) and set(value) == {"henyey_greenstein"}
+    return value["henyey_greenstein"] if section and isinstance(value, dict) else value
 
 
 def _kind(value: object) -> str | None:
     """Tag of the type in `Phase` that checks a value; None: the value is no phase function."""
     if value in ("isotropic", "mie"):
-        return "name"
-    return "HenyeyGreenstein" if isinstance(value, (dict, HenyeyGreenstein)) else None
+        return "[name]"
+    return "[number]" if isinstance(value, (int, float)) and value is not True else None
 
 
 Phase = Annotated[
-    Annotated[Literal["isotropic", "mie"], Tag("name")]
-    | Annotated[HenyeyGreenstein, Tag("HenyeyGreenstein")],
+    Annotated[Literal["isotropic", "mie"], Tag("[name]")]
+    | Annotated[float, Within(-0.999, 0.999), Tag("[number]")],
     Discriminator(
         _kind,
         custom_error_type="not_allowed",
-        custom_error_message=(
-            "is no phase function; allowed: isotropic, mie, {henyey_greenstein: g}"
-        ),
+        custom_error_message="allowed: isotropic, mie, or the g of Henyey and Greenstein",
     ),
+    BeforeValidator(_asymmetry),
 ]
 
 
@@ -51,8 +49,8 @@ class Transport(Section):
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
     """Largest number of samples per pixel, of `path` and of the final gather."""
     phase: Phase | None = None
-    """Phase function of the droplets. Default: isotropic with `optics.preset: paper`; mie with
-    `spectral`, but isotropic for sprays given as coefficients and for method `branching`."""
+    """Phase function of the droplets, or the g of Henyey and Greenstein. Default: isotropic with
+    `optics.preset: paper`; mie with `spectral`, but isotropic for coefficients and `branching`."""
     gather: bool = True
     """Method `source`: resolve the radiance within optically thick cells by a final gather."""
     audit: bool = True

@@ -1,7 +1,7 @@
 """The traced cube and the boundary: background, walls, patches and windows."""
 
 from collections import Counter
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -80,14 +80,12 @@ class Patch(Section):
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
     """Name of the patch and of its weight, weights/NAME.tif."""
-    shape: Literal["disc", "rectangle"] = "disc"
-    """Shape of the patch."""
     centre_m: Point
     """Centre of the patch."""
     facing: Direction
     """Normal of its front side: `-y` or three numbers."""
     radius_m: Length | None = None
-    """Radius of a disc."""
+    """Radius of a disc; or `size_m`."""
     size_m: tuple[Length, Length] | None = None
     """Width, and height along z, of a rectangle."""
     temperature_K: Temperature
@@ -95,12 +93,26 @@ class Patch(Section):
     emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
     """Emissivity of its surface; the rest of its radiance is reflected from the walls."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _without_shape(cls, data: Any) -> Any:
+        """Takes the key `shape` of older versions, which the size implies."""
+        sizes = {"disc": "radius_m", "rectangle": "size_m"}
+        if isinstance(data, dict) and sizes.get(str(data.get("shape"))) in data:
+            return {key: value for key, value in data.items() if key != "shape"}
+        return data
+
     @model_validator(mode="after")
     def _fits(self) -> "Patch":
-        size_key, other_key = ("radius_m", "size_m")[:: 1 if self.shape == "disc" else -1]
-        if getattr(self, size_key) is None or getattr(self, other_key) is not None:
-            raise ValueError(f"shape: {self.shape} takes {size_key}, and no {other_key}")
+        if (self.radius_m is None) == (self.size_m is None):
+            number = "neither" if self.radius_m is None else "both"
+            raise ValueError(f"{number} of radius_m and size_m; allowed: one of them")
         return self
+
+    @property
+    def shape(self) -> Literal["disc", "rectangle"]:
+        """`disc` with a radius, else `rectangle`."""
+        return "rectangle" if self.radius_m is None else "disc"
 
 
 _TAKEN = ("background", "wall", "vapour", "liquid")

@@ -1,13 +1,15 @@
 """The search index as a script too: a page that is opened as a file cannot fetch JSON. Pages that
-a keyboard and a screen reader can use."""
+a keyboard and a screen reader can use. The list of all keys of scenes, from their schema."""
 
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.pages import Page
 
 _MENDED = (
     (r"(<pre[^>]*>(?:<span></span>)?<code)", r'\1 tabindex="0"'),  # wide ones scroll
@@ -17,6 +19,15 @@ _MENDED = (
     (r"<footer>", '<footer role="contentinfo">'),
     (r'(class="rst-versions" role=)"note"', r'\1"navigation"'),
 )
+
+
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    if page.file.src_uri != "scene-reference.md":
+        return markdown
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+    from tests.bench.scene_reference import reference
+
+    return f"{markdown}\n\n{reference()}\n"
 
 
 def on_post_page(output: str, **_: Any) -> str:

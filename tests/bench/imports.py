@@ -18,7 +18,7 @@ from cldit.cfd.size import Size
 from cldit.cfd.vtk.head import vtk_size
 from cldit.io.plain_data import parse_json
 from tests.bench import import_cases as cases
-from tests.bench.page import write_measured
+from tests.bench.page import UNLISTED, write_measured
 
 _FIELDS = 4
 _HEAD = (
@@ -143,5 +143,5 @@ def _apart(how: str, folder: Path, *more: str) -> Taken:
 
 
 def main() -> None:
-    """Writes import.md."""
-    write_measured(lambda given: imports(given.say))
+    """Writes build/benchmarks/import.md; docs/benchmarks/import-formats.md has its table."""
+    write_measured(lambda given: imports(given.say), folder=UNLISTED)

@@ -156,8 +156,9 @@ def record(out: Path, folders: list[Path], scenes: list[str]) -> None:
         "commit": commit.stdout.strip(),
         "help": helps(),
         "api": api_names(root),
-        "scene_reference": digest(np.frombuffer((root / "docs" / "scene-reference.md").read_bytes(),
-                                                np.uint8)),
+        "scene_reference": digest(
+            np.frombuffer(json.dumps(cldit.Scene.model_json_schema()).encode(), np.uint8)
+        ),
         "runs": {},
         "cases": dict(cases(folders)),
     }  # fmt: skip

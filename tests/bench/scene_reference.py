@@ -1,6 +1,8 @@
-"""Page docs/scene-reference.md: every key of every file that users write, from the schemas.
+"""List of every key of every file that users write, from the schemas, as Markdown.
 
-python -m tests.bench scene_reference > docs/scene-reference.md
+python -m tests.bench scene_reference
+
+The site appends it to docs/scene-reference.md (docs/site/hooks.py).
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from cldit.acquisition.plan import Plan
 from cldit.rig.load import RigFile
 from cldit.scene import Scene
 from cldit.scene.checks import Section as Keys
-from cldit.show.page import Bullets, Page, Section
+from cldit.show.page import Bullets, Section, markdown_of
 
 # Heading, prefix of the keys at the top, and model that reads the file.
 FILES: tuple[tuple[str, str, type[Keys]], ...] = (
@@ -28,28 +30,15 @@ FILES: tuple[tuple[str, str, type[Keys]], ...] = (
 )
 Schema = dict[str, Any]
 UNLISTED = "No effect"  # keys of older versions, which are still read, with a remark
-_TITLE = "Every key of a scene, rig, plan and measurement"
-_INTRODUCTION = """\
-`cldit scenes --show gdi` prints a whole scene to begin with. Units are in the names, and paths are
-relative to the file. Defaults of scenes are the paper's numbers where it gives them; those of the
-sensor are assumptions, typical of a cooled InSb camera. Each key has its type and range, and its
-default in brackets. A range without a type is one of numbers; a key without a default is optional,
-and a section has the defaults of its keys.
-Made by `python -m tests.bench scene_reference`.
-
-VS Code (YAML extension) and PyCharm complete and check scenes with
-`cldit scenes --schema > scene.schema.json` and the first line
-`# yaml-language-server: $schema=scene.schema.json`.
-"""
 
 
-def reference_page() -> str:
-    """Page in Markdown."""
+def reference() -> str:
+    """Sections of all keys in Markdown."""
     shown: list[_Place] = []
     sections = [
         sections_of(model, title=title, file=file, shown=shown) for title, file, model in FILES
     ]
-    return Page(_TITLE, [_INTRODUCTION.strip(), *chain.from_iterable(sections)]).markdown()
+    return markdown_of(list(chain.from_iterable(sections)))
 
 
 @dataclass(frozen=True)
@@ -226,5 +215,5 @@ def _plain(value: object) -> str:
 
 
 def main() -> None:
-    """Prints the page."""
-    print(reference_page(), end="")
+    """Prints the list."""
+    print(reference())

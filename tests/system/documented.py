@@ -27,7 +27,7 @@ BEGIN: dict[str, tuple[str, ...]] = {
     "docs/benchmarks/index.md": ("my.yaml",),
     "docs/dit.md": ("runs/gdi", "measurements/july"),
     "docs/importing.md": ("CASE",),
-    "docs/injections.md": ("a.yaml", "b.yaml", "scene.yaml", "shots"),
+    "docs/injections.md": ("scene.yaml", "shots"),
     "docs/rig.md": ("rig.yaml", "plan.yaml"),
     "docs/scattering.md": ("runs/gdi",),
     "docs/sharing.md": ("runs/gdi",),

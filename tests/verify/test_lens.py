@@ -22,8 +22,9 @@ from cldit.transport.view import View
 
 DISTANCE, FIELD, PIXELS = 1.0, 0.016, 64
 PITCH = FIELD / PIXELS
-LENS = {"focal_length_m": 0.05, "diffraction": False}
-WIDE = {"f_number": 0.8}
+LENS = {"diffraction": False}
+# A pitch of PITCH / 19 has the image 1 / 19 m behind the lens: a focal length of 0.05 m.
+WIDE = {"f_number": 0.8, "pixels": [PIXELS, PIXELS], "pitch_m": PITCH / 19}
 BLACK = 2e4  # per metre: nothing is seen through the blocks below
 
 # Where the block is, and where the lens is focused: before, in and behind focus.

@@ -15,7 +15,7 @@ from cldit.io.files import whole, write_bytes
 
 _MEAN_s = 0.25  # that an image is shown, on average
 _LEAST_s, _MOST_s, _LAST_s = 0.04, 1.5, 1.0
-_FRAMES_PER_S = 25  # of an MP4
+_FRAMES_PER_S = round(1.0 / _LEAST_s)  # of an MP4
 _PLACES = np.array([65536, 256, 1], np.uint32)  # of red, green, blue in one number
 
 

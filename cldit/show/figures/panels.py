@@ -143,70 +143,96 @@ def panels_figure(
         legend: colours and what they mean, below the panels.
     """
     panels = [_cut(panel, frame, window) for panel in panels]
-    windows = [panel.window or (0.0, 1.0, 0.0, 1.0) for panel in panels]
-    columns = 2 if len(panels) == 4 and columns > 1 else min(columns, len(panels))
-    rows = -(-len(panels) // columns)
-    beside = _KEY_GAP + _KEY + _KEY_LABELS
-    lost = _LEFT + _EDGE + (columns - 1) * _GAP + (1 if shared else columns) * beside
-    aspects = [(edges[3] - edges[2]) / (edges[1] - edges[0]) for edges in windows]
-    tall = [max(aspects[row * columns : (row + 1) * columns]) for row in range(rows)]
-    wide = min((WIDTH_IN - lost) / columns, _WIDEST, _HIGH / sum(tall))
-    letter = _LETTER if len(panels) > 1 else 0.0
-    titles = [_wrapped(plain(panel.title), wide - letter) for panel in panels]
-    above = 0.05 + _LINE * max(name.count("\n") + 1 if name else 0 for name in titles)
-    width = max(lost + columns * wide, 0.5 * WIDTH_IN)
-    lines = [_wrapped(plain(meaning), width - 0.6) for _, meaning in legend]
-    side_by_side = sum(0.5 + _CHARACTER * len(meaning) for _, meaning in legend) < width
-    high_lines = 1 if side_by_side else sum(line.count("\n") + 1 for line in lines)
-    labelled = [
-        number + columns >= len(panels) or windows[number + columns] != windows[number]
-        for number in range(len(panels))
-    ]
-    tops: list[float] = []  # of the rows, from the figure's top
-    heading = _wrapped(plain(title), width - 0.4)
-    head = _HEADING + _LINE * heading.count("\n") if title else 0.0
-    at = head
-    for row in range(rows):
-        tops.append(at + above)
-        any_labelled = any(labelled[row * columns : (row + 1) * columns])
-        at = tops[-1] + tall[row] * wide + (_BOTTOM if any_labelled else 0.06)
-    height = at + (_LINE * high_lines + 0.06 if lines else 0.0)
-    figure = figure_of(width, height, layout=None)
+    layout = _Layout(panels, title, columns, shared, [meaning for _, meaning in legend])
+    figure = figure_of(layout.width, layout.height, layout=None)
     if title:
-        figure.suptitle(heading, y=1.0 - (0.5 * head - 0.03) / height, va="center")
-    start = 0.5 * (width - lost - columns * wide) + _LEFT
-    step = wide + _GAP + (0.0 if shared else beside)
-
-    def axes_at(x: float, top: float, w: float, h: float) -> Axes:
-        return figure.add_axes((x / width, 1.0 - (top + h) / height, w / width, h / height))
-
-    for number, (panel, aspect) in enumerate(zip(panels, aspects, strict=True)):
-        row, column = divmod(number, columns)
-        x, high = start + column * step, aspect * wide
-        axes = axes_at(x, tops[row], wide, high)
+        middle = 1.0 - (0.5 * layout.head - 0.03) / layout.height
+        figure.suptitle(layout.heading, y=middle, va="center")
+    letter = layout.letter
+    for number, panel in enumerate(panels):
+        leftmost = number % layout.columns == 0
+        place = layout.place(number)
+        axes = figure.add_axes(layout.shares(*place))
         _draw(axes, panel)
-        _label(axes, panel, leftmost=column == 0, lowest=labelled[number])
+        _label(axes, panel, leftmost=leftmost, lowest=layout.labelled[number])
         for label, right, weight in ((f"({chr(97 + number)})", 0.0, "bold"),
-                                    (titles[number], letter, "normal")):  # fmt: skip
+                                    (layout.titles[number], letter, "normal")):  # fmt: skip
             if letter or weight == "normal":
-                axes.annotate(label, (right / wide, 1.0), (0, 3), "axes fraction", "offset points",
-                              weight=weight, va="bottom")  # fmt: skip
-        left, right, bottom, top = windows[number]
+                axes.annotate(label, (right / layout.wide, 1.0), (0, 3), "axes fraction",
+                              "offset points", weight=weight, va="bottom")  # fmt: skip
+        left, right, bottom, top = layout.windows[number]
         if number == 0 and left < 0 < right and bottom < 0 < top - 0.07 * (top - bottom):
             axes.annotate("injector", (0, 0), (5, 2), textcoords="offset points", fontsize=7,
                           path_effects=[withStroke(linewidth=2, foreground="white")])  # fmt: skip
         if not shared:
-            _key(axes_at(x + wide + _KEY_GAP, tops[row], _KEY, high), [panel])
+            x, at, wide, high = place
+            _key(figure.add_axes(layout.shares(x + wide + _KEY_GAP, at, _KEY, high)), [panel])
     if shared:
-        lowest_row = min(rows, 2) - 1
-        span = tops[lowest_row] + tall[lowest_row] * wide - tops[0]
-        _key(axes_at(start + columns * wide + (columns - 1) * _GAP + _KEY_GAP, tops[0], _KEY, span),
-             panels)  # fmt: skip
-    if lines:
+        _key(figure.add_axes(layout.shares(*layout.shared_key)), panels)
+    if legend:
         handles = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5) for colour, _ in legend]
-        figure.legend(handles, lines, loc="lower center", frameon=False, borderpad=0.1,
-                      labelspacing=0.3, ncols=len(lines) if side_by_side else 1)  # fmt: skip
+        ncols = len(legend) if layout.side_by_side else 1
+        figure.legend(handles, layout.lines, loc="lower center", frameon=False, borderpad=0.1,
+                      labelspacing=0.3, ncols=ncols)  # fmt: skip
     return figure
+
+
+class _Layout:
+    """Places of panels in rows, titles and legend, in inches from the upper left corner."""
+
+    def __init__(
+        self, panels: Sequence[Panel], title: str, columns: int, shared: bool, meanings: list[str]
+    ) -> None:
+        count = len(panels)
+        self.windows = [panel.window or (0.0, 1.0, 0.0, 1.0) for panel in panels]
+        self.columns = columns = 2 if count == 4 and columns > 1 else min(columns, count)
+        rows = -(-count // columns)
+        beside = _KEY_GAP + _KEY + _KEY_LABELS
+        lost = _LEFT + _EDGE + (columns - 1) * _GAP + (1 if shared else columns) * beside
+        self.aspects = [(edges[3] - edges[2]) / (edges[1] - edges[0]) for edges in self.windows]
+        in_row = [slice(row * columns, (row + 1) * columns) for row in range(rows)]
+        self.tall = [max(self.aspects[of_row]) for of_row in in_row]
+        self.wide = wide = min((WIDTH_IN - lost) / columns, _WIDEST, _HIGH / sum(self.tall))
+        self.letter = _LETTER if count > 1 else 0.0
+        self.titles = [_wrapped(plain(panel.title), wide - self.letter) for panel in panels]
+        above = 0.05 + _LINE * max(name.count("\n") + 1 if name else 0 for name in self.titles)
+        self.width = width = max(lost + columns * wide, 0.5 * WIDTH_IN)
+        self.lines = [_wrapped(plain(meaning), width - 0.6) for meaning in meanings]
+        self.side_by_side = sum(0.5 + _CHARACTER * len(meaning) for meaning in meanings) < width
+        high_lines = 1 if self.side_by_side else sum(line.count("\n") + 1 for line in self.lines)
+        self.labelled = [
+            number + columns >= count or self.windows[number + columns] != self.windows[number]
+            for number in range(count)
+        ]
+        self.heading = _wrapped(plain(title), width - 0.4)
+        self.head = at = _HEADING + _LINE * self.heading.count("\n") if title else 0.0
+        self.tops: list[float] = []  # of the rows
+        for high, of_row in zip(self.tall, in_row, strict=True):
+            self.tops.append(at + above)
+            at = self.tops[-1] + high * wide + (_BOTTOM if any(self.labelled[of_row]) else 0.06)
+        self.height = at + (_LINE * high_lines + 0.06 if meanings else 0.0)
+        self._start = 0.5 * (width - lost - columns * wide) + _LEFT
+        self._step = wide + _GAP + (0.0 if shared else beside)
+
+    def place(self, number: int) -> tuple[float, float, float, float]:
+        """Left, top, width and height of the panel `number`."""
+        row, column = divmod(number, self.columns)
+        high = self.aspects[number] * self.wide
+        return self._start + column * self._step, self.tops[row], self.wide, high
+
+    @property
+    def shared_key(self) -> tuple[float, float, float, float]:
+        """Left, top, width and height of one colour bar beside the first two rows."""
+        row = min(len(self.tops), 2) - 1
+        x = self._start + self.columns * self.wide + (self.columns - 1) * _GAP + _KEY_GAP
+        return x, self.tops[0], _KEY, self.tops[row] + self.tall[row] * self.wide - self.tops[0]
+
+    def shares(
+        self, x: float, top: float, wide: float, high: float
+    ) -> tuple[float, float, float, float]:
+        """The place as shares of the figure, from its lower left corner."""
+        bottom = 1.0 - (top + high) / self.height
+        return x / self.width, bottom, wide / self.width, high / self.height
 
 
 def _cut(panel: Panel, frame: Frame | None, window: Window | None) -> Panel:

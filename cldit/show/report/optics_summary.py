@@ -15,13 +15,13 @@ from cldit.optics.phase import PhaseFunction, phase_table
 from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.vapour import VapourBand, vapour_band, vapours
 from cldit.optics.xsc import read_xsc
+from cldit.scene.optics import Optics
 from cldit.scene.schema import Scene
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
 
-_STRATA = 400
-_WAVELENGTHS = 400
+_SAMPLES = 400  # of sizes and of wavelengths
 
 
 @dataclass(frozen=True)
@@ -107,47 +107,24 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         fuel, fuel_K, sizes = cone.fuel, cone.fuel_temperature_K, cone.droplets
         gas_K = 0.5 * (fuel_K + cone.ambient.temperature_K)
         pressure_Pa = cone.ambient.pressure_Pa
-    low, high = edges_um(scene_filter(scene))
-    wavelength = np.linspace(low, high, _WAVELENGTHS)
-    rows = [Row("filter", f"{low:g} to {high:g} µm", "", "around 3.4 µm")]
-    sources: list[str] = []
-
+    low, high = filter_um = edges_um(scene_filter(scene))
     fluid = _liquid(optics.liquid or fuel) if sizes is not None else None
     if fluid is not None and not (fluid.wavelength_um[0] <= low and high <= fluid.wavelength_um[1]):
         fluid = None
-    index: tuple[float, float] | None = None
-    if fluid is not None:
-        n, k = fluid.index(wavelength, fuel_K)
-        index = float(np.mean(n)), float(np.mean(k))
-        note = f"{fluid.status}, mean over the filter at {fuel_K:.0f} K"
-        rows.append(Row("n of the liquid", f"{optics.n:g}", f"{index[0]:.4f}", "1.338", note))
-        rows.append(Row("k of the liquid", f"{optics.k:g}", f"{index[1]:.4f}", "0.0341", note))
-        fit = f"; fit {fluid.fit}" if fluid.fit else ""
-        sources.append(f"{fluid.name} ({fluid.status}): {fluid.source}{fit}")
-
-    area = optics.vapour_area_km_mol
-    named = _vapours(optics.vapour or fuel, area)
+    index, rows, sources = _liquid_rows(fluid, optics, filter_um, fuel_K)
+    rows.insert(0, Row("filter", f"{low:g} to {high:g} µm", "", "around 3.4 µm"))
+    named = _vapours(optics.vapour or fuel, optics.vapour_area_km_mol)
     bands = tuple(band for band in named if _covers(band, low, high))
     for band in bands:
         gas_K = min(max(gas_K, band.temperatures_K[0]), band.temperatures_K[1])
-    for band in bands:
-        mean = float(np.mean(band.absorption_m2_mol(1e4 / wavelength, gas_K))) * 1e4
-        rows.append(
-            Row(
-                f"vapour of {band.species}, cm²/mol",
-                f"{optics.vapour_m2_mol * 1e4:.3g}",
-                f"{mean:.3g}",
-                "5e+05" if fuel == "n-heptane" else "",
-                f"{band.status}, mean over the filter at {gas_K:.0f} K",
-            )
-        )
-        sources.append(f"{band.species} vapour ({band.status}): {band.source}")
-    growth = tuple(_growth(band, (low, high), gas_K, pressure_Pa) for band in bands if band.lines)
+    rows += [_vapour_row(band, optics, filter_um, gas_K, fuel) for band in bands]
+    sources += [f"{band.species} vapour ({band.status}): {band.source}" for band in bands]
+    growth = tuple(_growth(band, filter_um, gas_K, pressure_Pa) for band in bands if band.lines)
     rows += [_growth_row(curve, gas_K, pressure_Pa) for curve in growth]
 
     droplets = measured = None
     if sizes is not None:
-        strata = strata_m(sizes, _STRATA)
+        strata = strata_m(sizes, _SAMPLES)
         droplets = _solve(
             strata, wavelength_um=optics.wavelength_um, n=optics.n, k=optics.k, cache=cache
         )
@@ -158,7 +135,7 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         rows += [*_size_rows(sizes), *_droplet_rows(droplets, measured, strata)]
     return SceneOptics(
         scene=scene,
-        filter_um=(low, high),
+        filter_um=filter_um,
         fuel_K=fuel_K,
         gas_K=gas_K,
         liquid=fluid,
@@ -169,6 +146,36 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
         measured=measured,
         rows=tuple(rows),
         sources=tuple(sources),
+    )
+
+
+def _liquid_rows(
+    fluid: Liquid | None, optics: Optics, filter_um: tuple[float, float], fuel_K: float
+) -> tuple[tuple[float, float] | None, list[Row], list[str]]:
+    """Mean index of a liquid over the filter, its rows and its source; nothing without data."""
+    if fluid is None:
+        return None, [], []
+    n, k = (float(np.mean(part)) for part in fluid.index(np.linspace(*filter_um, _SAMPLES), fuel_K))
+    note = f"{fluid.status}, mean over the filter at {fuel_K:.0f} K"
+    rows = [
+        Row("n of the liquid", f"{optics.n:g}", f"{n:.4f}", "1.338", note),
+        Row("k of the liquid", f"{optics.k:g}", f"{k:.4f}", "0.0341", note),
+    ]
+    fit = f"; fit {fluid.fit}" if fluid.fit else ""
+    return (n, k), rows, [f"{fluid.name} ({fluid.status}): {fluid.source}{fit}"]
+
+
+def _vapour_row(
+    band: VapourBand, optics: Optics, filter_um: tuple[float, float], gas_K: float, fuel: str
+) -> Row:
+    wavenumber_per_cm = 1e4 / np.linspace(*filter_um, _SAMPLES)
+    mean = float(np.mean(band.absorption_m2_mol(wavenumber_per_cm, gas_K))) * 1e4
+    return Row(
+        f"vapour of {band.species}, cm²/mol",
+        f"{optics.vapour_m2_mol * 1e4:.3g}",
+        f"{mean:.3g}",
+        "5e+05" if fuel == "n-heptane" else "",
+        f"{band.status}, mean over the filter at {gas_K:.0f} K",
     )
 
 

@@ -43,6 +43,7 @@ _PAGE = (
     "jobs",
     "cursor",
     "readout",
+    "link",
     "page",
 )
 # Even in lightness, or distinguishable without red and green; matplotlib's names.

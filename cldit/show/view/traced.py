@@ -29,8 +29,9 @@ from cldit.show.figures.maps import frame_of, spray_window
 from cldit.show.view.item import Item, place_of, planck_ends, planck_tables
 from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
 
-_NOTHING = 1e-7  # change of a weight, or emission in backgrounds, that is negligible
-_LEFT = 1e-7  # share of the light that a projection may lose
+# Change of a weight, emission in backgrounds, or share of the light that a projection may lose:
+# a twentieth of the 2e-6 by which weights are rounded.
+_NEGLIGIBLE = 1e-7
 _PANES_K = np.geomspace(100.0, 5000.0, 64)  # temperatures of light for means of windows
 _SHARE_KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # those of `Quadrature.shares`
 
@@ -48,7 +49,6 @@ def traced_item(run: Run, *, source: str) -> Item:
     scene = run.scene
     stack = _Stack(run)
     x, _, z = scene.target_m
-    sensor = SensorModel.from_scene(scene)
     nodes = run.quadrature.nodes
     head: dict[str, Any] = {
         "kind": "run",
@@ -59,29 +59,8 @@ def traced_item(run: Run, *, source: str) -> Item:
         **place_of(run.reference.background.shape, run.pixel_m, (x, z)),
         "window_mm": spray_window(run.maps, frame_of(run.scene)),
         "ends": planck_ends(run.quadrature.filter_um),
-        "scene": {
-            "backgrounds_K": list(scene.background.temperatures_K),
-            "emissivity": scene.background.emissivity,
-            "around_K": scene.background.surroundings_K,
-            "wall_K": scene.walls.temperature_K,
-            "camera_K": scene.camera.surroundings_K,
-            "patches": [
-                {"name": patch.name, "K": patch.temperature_K, "emissivity": patch.emissivity}
-                for patch in scene.patches
-            ],
-            "windows_K": {window.side: window.temperature_K for window in scene.windows},
-            "shots": scene.plan.shots,
-            "references": scene.plan.references,
-            "read_noise_electrons": scene.camera.sensor.read_noise_electrons,
-        },
-        "sensor": {
-            "electrons_per_radiance_s": sensor.electrons_per_radiance / sensor.integration_time_s,
-            "integration_time_s": sensor.integration_time_s,
-            "fixed_time": scene.camera.sensor.integration_time_s is not None,
-            "offset_counts": sensor.offset_counts,
-            "saturation_counts": sensor.saturation_counts,
-            "electrons_per_count": sensor.electrons_per_count,
-        },
+        "scene": _scene_data(scene),
+        "sensor": _sensor_data(scene),
         "panes": {
             "nodes": [
                 {window.side: _plain(node.pane(window)) for window in scene.windows}
@@ -111,6 +90,37 @@ def traced_item(run: Run, *, source: str) -> Item:
             total = rounded(maps[TOTAL][stack.covered], ERROR_BITS)
             arrays[f"{prefix}simulation_error"] = total
     return Item(head, arrays)
+
+
+def _scene_data(scene: Scene) -> dict[str, Any]:
+    """Values of a scene that the page may change, or that its equation needs."""
+    return {
+        "backgrounds_K": list(scene.background.temperatures_K),
+        "emissivity": scene.background.emissivity,
+        "around_K": scene.background.surroundings_K,
+        "wall_K": scene.walls.temperature_K,
+        "camera_K": scene.camera.surroundings_K,
+        "patches": [
+            {"name": patch.name, "K": patch.temperature_K, "emissivity": patch.emissivity}
+            for patch in scene.patches
+        ],
+        "windows_K": {window.side: window.temperature_K for window in scene.windows},
+        "shots": scene.plan.shots,
+        "references": scene.plan.references,
+        "read_noise_electrons": scene.camera.sensor.read_noise_electrons,
+    }
+
+
+def _sensor_data(scene: Scene) -> dict[str, Any]:
+    sensor = SensorModel.from_scene(scene)
+    return {
+        "electrons_per_radiance_s": sensor.electrons_per_radiance / sensor.integration_time_s,
+        "integration_time_s": sensor.integration_time_s,
+        "fixed_time": scene.camera.sensor.integration_time_s is not None,
+        "offset_counts": sensor.offset_counts,
+        "saturation_counts": sensor.saturation_counts,
+        "electrons_per_count": sensor.electrons_per_count,
+    }
 
 
 def _plain(pane: Pane) -> list[float]:
@@ -162,10 +172,10 @@ class _Stack:
             for f, images in zip(passes, parts, strict=True)
         )  # fmt: skip
         dimmest = float(min(in_filter.leaving(list(scene.background.temperatures_K))))
-        covered = np.abs(emitted) > _NOTHING * dimmest
+        covered = np.abs(emitted) > _NEGLIGIBLE * dimmest
         for name in names:
             for images in parts:
-                covered = covered | (np.abs(images[name] - bare[name]) > _NOTHING)
+                covered = covered | (np.abs(images[name] - bare[name]) > _NEGLIGIBLE)
         self.covered = np.asarray(covered)
         self.components: list[dict[str, Any]] = []
         self.arrays: dict[str, NDArray[Any]] = {
@@ -221,7 +231,7 @@ def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) ->
 
 
 def _directions(light: Floats) -> tuple[Floats, Floats]:
-    """Directions (nodes, r) that contain the light (nodes, N) but `_LEFT`, and its sizes (r,)."""
+    """Directions (nodes, r) with the light (nodes, N) but `_NEGLIGIBLE`, and its sizes (r,)."""
     if len(light) == 1:
         return np.ones((1, 1)), np.ones(1)
     norms = np.linalg.norm(light, axis=0)
@@ -229,6 +239,6 @@ def _directions(light: Floats) -> tuple[Floats, Floats]:
     u, sizes, _ = np.linalg.svd(unit, full_matrices=False)
     for r in range(1, len(sizes) + 1):
         residual = unit - u[:, :r] @ (u[:, :r].T @ unit)
-        if np.max(np.linalg.norm(residual, axis=0)) < _LEFT:
+        if np.max(np.linalg.norm(residual, axis=0)) < _NEGLIGIBLE:
             break
     return u[:, :r], sizes[:r]

@@ -9,7 +9,7 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
-from cldit.scene.spray import LagrangianSpray, Plume
+from cldit.scene.spray import RAMP_S, LagrangianSpray, Plume
 from cldit.spray.cone.jet import profile
 from cldit.spray.cone.nozzle import VELOCITY_COEFFICIENT
 from cldit.spray.droplet.fluids import Fuel
@@ -146,13 +146,13 @@ def hole_flows(spec: LagrangianSpray, *, flux_kg_m2_s: float) -> tuple[float, fl
 
 def released_share(spec: LagrangianSpray) -> tuple[Floats, Floats]:
     """Times (M,), and the share of the fuel that is injected until then."""
-    if spec.rate.table is not None:
-        at, flow = np.array(spec.rate.table, dtype=float).T
+    if spec.rate is not None:
+        at, flow = np.array(spec.rate, dtype=float).T
     else:
         end = spec.injection_duration_s
-        ramp = min(spec.rate.ramp_s, end / 2)
+        ramp = min(RAMP_S, end / 2)
         at = np.array([0.0, ramp, end - ramp, end])
-        flow = np.array([0.0, 1.0, 1.0, 0.0] if ramp > 0 else [1.0, 1.0, 1.0, 1.0])
+        flow = np.array([0.0, 1.0, 1.0, 0.0])
     parts = [np.linspace(a, b, 101) for a, b in pairwise(at)]
     fine = np.unique(np.concatenate(parts))
     rate = np.interp(fine, at, flow)

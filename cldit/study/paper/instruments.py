@@ -104,7 +104,6 @@ _LIGHT: dict[str, Any] = {
     "patches": [
         {
             "name": "lamp",
-            "shape": "rectangle",
             "centre_m": [0.4999 * _SIDE_M, 0.0, 0.0],
             "facing": [-1.0, 0.0, 0.0],
             "size_m": [_SIDE_M, _SIDE_M],

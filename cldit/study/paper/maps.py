@@ -209,7 +209,7 @@ _ORDERS = (0, 1, 2, 3)
 # The paper does not give the duration: open to the end, and the ECN's Spray G, closed at 0.78 ms.
 _DURATIONS_MS = (1.5, 0.78)
 # Droplets that scatter straight ahead only absorb.
-_AHEAD = {"transport.phase": {"henyey_greenstein": 0.999}}
+_AHEAD = {"transport.phase": 0.999}
 
 
 def _beyond(run: Run) -> Mask:

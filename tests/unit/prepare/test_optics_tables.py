@@ -93,7 +93,7 @@ def test_coefficients_have_no_phase_function_and_say_so() -> None:
     )
     found = properties_of(scene_of(), Spray(prescribed=given), cache=None)
     assert found.phases == (None,) and found.phase == "isotropic (no diameters)"
-    assert "henyey_greenstein" in found.remarks[0]
+    assert "of Henyey" in found.remarks[0]
 
 
 def test_every_wavelength_has_its_own_phase_function(tmp_path: Path) -> None:

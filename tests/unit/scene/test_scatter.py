@@ -94,7 +94,7 @@ def test_what_is_refused(scatter: dict[str, Any], message: str) -> None:
 
 
 def test_an_effect_is_needed() -> None:
-    table = {"spray.rate.table": [[0.0, 1.0], [1e-3, 1.0]]}
+    table = {"spray.rate": [[0.0, 1.0], [1e-3, 1.0]]}
     with pytest.raises(SceneError, match=r"duration_s: has no effect, since spray\.rate"):
         member(_scene("gdi-flow", duration_s=1e-5).with_(**table), 1)
     for key in ("members", "mass"):

@@ -3,19 +3,10 @@
 // one, other: items by their number. limits: of the scales, by quantity. cursor [x, z] and line
 // [from, to] in mm; lineOpen: the keys move its end. view: left, right, bottom, top in mm; null: all.
 // moving: dragging moves the view, and draws no line.
-const state = {
-  one: 0,
-  other: null,
-  quantity: "temperature",
-  colours: "cividis",
-  diverging: "RdBu_r",
-  limits: {},
-  cursor: null,
-  line: null,
-  lineOpen: false,
-  view: null,
-  moving: false,
+const PLAIN = {
+  one: 0, other: null, quantity: "temperature", colours: "cividis", diverging: "RdBu_r", line: null, view: HEADS[0].window_mm ?? null,
 };
+const state = { ...PLAIN, limits: {}, cursor: null, lineOpen: false, moving: false };
 const knows = []; // quantities that each item can show
 let figures = [], names = [], scenes = [];
 const profile = new Profile($("profile"));
@@ -83,9 +74,38 @@ async function drawOnce() {
   showSummary(found.drawn.at(-1), panels);
   showLimits();
   showCommand();
+  keepLink();
   await Promise.all([probe(), along()]);
   document.body.dataset.drawn = String(Number(document.body.dataset.drawn ?? 0) + 1);
   state.ms = { worker: found.ms, all: performance.now() - start };
+}
+
+// The address keeps the settings, once they rest: browsers limit how often it may change.
+let linking = null;
+function keepLink() {
+  clearTimeout(linking);
+  linking = setTimeout(() => {
+    const shown = shownItems().map((index) => HEADS[index]).filter(({ kind }) => kind === "run");
+    const asked = Object.entries(sliders.asked).filter(([name]) => shown.some((head) => sliders.differs(name, head)));
+    const link = linkOf(state, asked, PLAIN);
+    history.replaceState(null, "", link ? `#${link}` : location.href.split("#")[0]);
+  }, 300);
+}
+
+// Applies the settings of the address.
+async function followLink() {
+  const choices = Object.fromEntries(["quantity", "colours", "diverging"].map((name) => (
+    [name, [...$(name).options].map((option) => option.value)])));
+  const { state: linked, asked, refused } = settingsOf(location.hash, choices, HEADS.length, Object.keys(SLIDERS));
+  Object.assign(state, PLAIN, linked);
+  for (const name of ["quantity", "colours", "diverging"]) $(name).value = state[name];
+  $("frame").value = state.one;
+  $("other").value = state.other ?? "";
+  for (const index of shownItems()) await loaded(index);
+  showControls();
+  sliders.restore(asked);
+  if (refused.length) problem(new Error(`the link sets ${refused.join(", ")} to what this page does not have`));
+  await redraw();
 }
 
 function makeFigures(count) {
@@ -139,6 +159,7 @@ function look(view) {
     figure.again(view);
     figure.mark(state.cursor, state.line);
   }
+  keepLink();
 }
 
 // Zooms about a point in mm, or the middle; a factor above 1 shows more.
@@ -276,10 +297,8 @@ function wire() {
 async function begin() {
   wire();
   await ask("colours", { tables: DATA.colours });
-  await loaded(0);
-  state.view = HEADS[0].window_mm ?? null;
-  showControls();
-  await redraw();
+  await followLink();
+  window.addEventListener("hashchange", () => followLink().catch(problem));
   document.body.dataset.ready = "yes";
   for (const index of HEADS.keys()) await loaded(index);
   document.body.dataset.all = "yes";

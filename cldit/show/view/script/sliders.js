@@ -67,6 +67,8 @@ class Sliders {
     if (name === "lowest_K") held = Math.min(held, this.value("highest_K") - LEAST_APART_K);
     if (name === "highest_K") held = Math.max(held, this.value("lowest_K") + LEAST_APART_K);
     if (name === "shots") held = Math.round(held);
+    const own = SLIDERS[name].own(this.scene);
+    if (held === Number(own.toPrecision(7))) held = own; // as `show` writes it
     this.asked[name] = held;
     this.show(this.heads);
     this.changed();
@@ -86,6 +88,13 @@ class Sliders {
     this.asked = {};
     this.show(this.heads);
     this.changed();
+  }
+
+  // Requests these values alone; twice, since each background keeps apart from the place of the other.
+  restore(asked) {
+    this.asked = {};
+    this.show(this.heads);
+    for (const [name, value] of [...Object.entries(asked), ...Object.entries(asked)]) this.set(name, value);
   }
 
   // heads: of the items that are shown; sliders apply to runs whose values are not locked.

@@ -11,6 +11,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
 from cldit.scene import Scene
-from cldit.show.view import page
+from cldit.show.view import Item, page
 from cldit.show.view.packing import packed
 from cldit.show.view.traced import traced_item
 from tests.viewed import as_asked, made_run, scene_for
@@ -36,32 +37,37 @@ MAPS = {
 }
 
 
+def by_node(folder: Path, program: str, scripts: Sequence[str], *arguments: Path) -> Any:
+    """Data that a program beside this file prints, given these scripts of the page as one file."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no Node.js here (node)")
+    script = "\n".join(page._source(f"script/{name}.js") for name in scripts)
+    (folder / "script.js").write_text(script, encoding="utf-8")
+    words = [node, Path(__file__).with_name(program), folder / "script.js", *arguments]
+    finished = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert finished.returncode == 0, finished.stderr
+    return json.loads(finished.stdout)
+
+
+def item_data(item: Item) -> dict[str, Any]:
+    """Head and packed arrays of an item, as the page passes them to its worker."""
+    arrays = {name: packed(array) for name, array in item.arrays.items()}
+    plain = {name: {"head": array.head, "text": array.text} for name, array in arrays.items()}
+    return {"head": item.head, "arrays": plain}
+
+
 def by_script(
     folder: Path, runs: Sequence[Run], changes: Sequence[Mapping[str, float]]
 ) -> list[tuple[Scene, dict[str, Floats]]]:
     """The scene and the maps (H, W) of each run and change, as the page computes them."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no Node.js here (node)")
     given = []
     for run, asked in zip(runs, changes, strict=True):
-        item = traced_item(run, source="made.yaml")
-        arrays = {name: packed(array) for name, array in item.arrays.items()}
-        plain = {name: {"head": one.head, "text": one.text} for name, one in arrays.items()}
-        given.append({"head": item.head, "arrays": plain, "asked": dict(asked)})
-    script = "\n".join(page._source(f"script/{name}.js") for name in SCRIPTS)
-    (folder / "script.js").write_text(script, encoding="utf-8")
+        given.append({**item_data(traced_item(run, source="made.yaml")), "asked": dict(asked)})
     (folder / "given.json").write_text(json.dumps(given), encoding="utf-8")
-    maps = Path(__file__).with_name("maps.mjs")
-    told = subprocess.run(
-        [node, str(maps), str(folder / "script.js"), str(folder / "given.json")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert told.returncode == 0, told.stderr
+    read = by_node(folder, "maps.mjs", SCRIPTS, folder / "given.json")
     out = []
-    for run, found in zip(runs, json.loads(told.stdout), strict=True):
+    for run, found in zip(runs, read, strict=True):
         images = {
             name: np.array(found[name], float).reshape(run.maps.emissivity.shape) for name in MAPS
         }
@@ -129,3 +135,38 @@ def test_maps_and_standard_errors(tmp_path: Path, nodes: int) -> None:
         expected = reevaluated(run, scene).maps
         for name, of in MAPS.items():
             np.testing.assert_allclose(maps[name], getattr(expected, of), rtol=1e-5, atol=1e-5)
+
+
+def test_a_link_restores_the_settings(tmp_path: Path) -> None:
+    """Items, map, colours, part, profile, scale and sliders; what the page lacks is named."""
+    out = by_node(tmp_path, "link.mjs", ["link"])
+    assert out["untouched"] == ""
+    assert out["read"] == {
+        "state": {
+            "one": 2,
+            "other": 0,
+            "quantity": "emissivity",
+            "colours": "hue",
+            "view": None,
+            "line": [[-20, 0.5], [20, -1.25]],
+            "limits": {"emissivity": [0, 0.25], "emissivity apart": [-0.1, 0.1]},
+        },
+        "asked": {"wall_K": 515.5},
+        "refused": [],
+    }
+    assert out["refused"] == ["one", "colours", "view", "limits", "wall_K", "x"]
+
+
+def test_moves_take_a_tenth_of_a_second(tmp_path: Path) -> None:
+    """95 % of the moves of a slider with spray in all of 500 x 400 pixels, the shipped size.
+
+    A tenth of a second is perceived as immediate (Card et al., 1991). The time is of the processor,
+    as other processes run beside the tests.
+    """
+    camera = {"pixels": [500, 400], "field_m": [0.05, 0.04]}
+    item = traced_item(made_run(scene_for(camera=camera)), source="made.yaml")
+    assert item.arrays["covered"].mean() > 0.99
+    (tmp_path / "given.json").write_text(json.dumps(item_data(item)), encoding="utf-8")
+    moves_ms = by_node(tmp_path, "moves.mjs", page._WORKER, tmp_path / "given.json")
+    assert len(moves_ms) == 40
+    assert np.quantile(moves_ms, 0.95) < 100.0

@@ -9,7 +9,7 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.scene.sizes import NukiyamaTanasawa
-from cldit.scene.spray import InjectionRate, LagrangianSpray, Plume
+from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.droplet.fluids import Fuel, fuel_table
 from cldit.spray.flow.injector import Injection, inject
 from cldit.spray.sizes import mean_diameter_m
@@ -64,9 +64,7 @@ def test_directions_stay_in_their_cones() -> None:
 
 def test_the_rate_is_followed() -> None:
     table = ((0.0, 1.0), (1e-4, 1.0), (1.0001e-4, 0.0), (3e-4, 0.0), (3.0001e-4, 2.0), (4e-4, 2.0))
-    spec = LagrangianSpray(
-        injected_mass_kg=1e-6, rate=InjectionRate(table=table), droplets_per_parcel=1e3
-    )
+    spec = LagrangianSpray(injected_mass_kg=1e-6, rate=table, droplets_per_parcel=1e3)
     found = inject(spec, heptane())
     early = found.time_s < 2e-4
     assert mass(found)[early].sum() == pytest.approx(1e-6 / 3, rel=0.02)
