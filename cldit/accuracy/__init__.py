@@ -18,7 +18,6 @@ Terms of the field, and where they are:
 - Error allocation (`allocation`): shares of the square of the tolerance with the least cost.
 - Richardson extrapolation (`richardson`): the error on the finest of three grids.
 - Independent halves (`image_pair`): differences of two images without the noise of either.
-- Importance sampling (`drawn_pixels`): few pixels of a large image, each with a known chance.
 
 Keys that omit physics (`sources.omissions`) are rows of a table. Any other source is a class with
 `name`, `key`, `cost_power`, `estimate` and `finer`; a new one needs an entry of `SOURCES` alone.

@@ -1,17 +1,20 @@
 """Traces of variants of a medium at one wavelength, and the difference of their results.
 
 All variants are traced with the same ordinates, whose errors partly cancel in a difference; the
-rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image some pixels
-are drawn (`cldit.accuracy.drawn_pixels`), the same for all traces of a run.
+rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image every n-th
+pixel of every n-th row is traced.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
-from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
+import numpy as np
+from numpy.typing import NDArray
+
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.arrays import Ints
 from cldit.errors import MediumError
@@ -21,7 +24,6 @@ from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
-from cldit.prepare.preview import previewed
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
@@ -30,27 +32,31 @@ from cldit.transport.trace import Trace, TraceSettings, trace
 from cldit.transport.trace_cost import TraceCost
 from cldit.transport.view import View
 
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 _LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
 # That of a finer one: with a ratio r the error by first order is r / (r - 1) times the difference,
 # so that a finer one at 2 has the factor of a coarser one at 1.5.
 _LEAST_FINER = 2.0
+# Pixels of an image of which all are traced, 300 x 300: if the medium fills a tenth of the image,
+# and most of a difference is in a hundredth of that, then 90 pixels know its RMS to a tenth.
+_MOST_PIXELS = 90_000
 
 
 @dataclass(frozen=True)
 class VariantTracer:
     """Traces variants of a prepared medium.
 
-    drawn: the pixels that are traced; None: all. temperature: T_app of these pixels. levels: images
-    of the medium itself by number of halvings. earlier: images of the same spray on other lattices
-    and their cells, by the cells' edge in m. variants: other images by name and halvings. key: all
-    that the images depend on, except the lattice. costs: of the coarse traces.
+    every: step between traced pixels, in both directions. temperature: T_app of these pixels.
+    levels: images of the medium itself by number of halvings. earlier: images of the same spray on
+    other lattices and their cells, by the cells' edge in m. variants: other images by name and
+    halvings. key: all that the images depend on, except the lattice. costs: of the coarse traces.
     """
 
     scene: Scene
     device: Device
     settings: TraceSettings
     prepared: Prepared
-    drawn: DrawnPixels | None
+    every: int
     temperature: NodeTemperature
     levels: dict[int, ImagePair] = field(default_factory=dict)
     earlier: Mapping[float, ImagePair] = field(default_factory=dict)
@@ -70,26 +76,22 @@ class VariantTracer:
     ) -> VariantTracer:
         """A tracer for a medium with the `settings` of its wavelength `prepared.node`.
 
-        Pixels drawn by `previous` and its costs are kept, and its images if its `key` is the same.
+        Costs of `previous` are kept, and its images if its `key` is the same.
         """
         own_settings = replace(settings, method="source", audit=False, subpixels=False)
         temperature = temperature_of(scene, prepared, visible=own_settings.visible)
-        drawn = None
-        if not all_are_traced(scene.camera.pixels):
-            drawn = None if previous is None else previous.drawn
-            if drawn is None:
-                _, emissivity = previewed(scene, device, prepared)
-                background = temperature.sees_background
-                drawn = DrawnPixels.of(background, emissivity, seed=own_settings.seed)
-            temperature = temperature.picked(drawn.sample.pixels)
+        every = math.ceil((math.prod(scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
+        if every > 1:
             own_settings = replace(own_settings, rays_K=None)  # which depend on the whole image
         return cls(
             scene=scene,
             device=device,
-            settings=replace(own_settings, subpixels=drawn is None and own_settings.rays_K is None),
+            settings=replace(own_settings, subpixels=every == 1 and own_settings.rays_K is None),
             prepared=prepared,
-            drawn=drawn,
-            temperature=temperature,
+            every=every,
+            temperature=replace(
+                temperature, sees_background=_picked(temperature.sees_background, every)
+            ),
             earlier={} if previous is None else previous._reusable(key, prepared),
             key=key,
             costs=[] if previous is None else previous.costs,
@@ -198,34 +200,48 @@ class VariantTracer:
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         (tree,) = self.prepared.octrees(frame, [sources], split)
-        pixels = None if self.drawn is None else self.drawn.sample.pixels
+        columns, rows = self.scene.camera.pixels
+        numbers = _picked(np.arange(rows * columns).reshape(rows, columns), self.every)
+        pixels = None if self.every == 1 else numbers.reshape(-1)
         result, cost = TraceCost.measured(
             self.device,
             counted(frame, sources, self.device).swept,
             settings,
             lambda: trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays),
-            chance=None if self.drawn is None else self.drawn.chance,
         )
         self.costs.append(cost)
-        return ImagePair.of(result)
+        image = ImagePair.of(result)
+        return image if pixels is None else image.map(lambda row: row.reshape(numbers.shape))
 
     def picked(self, result: Trace) -> ImagePair:
-        """The drawn pixels of an image of the whole run, by the rays of this tracer's images."""
-        if self.drawn is None:
+        """The traced pixels of an image of the whole run, by the rays of this tracer's images."""
+        if self.every == 1:
             return ImagePair.of(result)
         chosen = self.scene.camera.rays_across is None
         image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
-        return image.map(self.drawn.pick)
+        return image.map(lambda whole: _picked(whole, self.every))
 
     def difference(
         self, image_a: ImagePair, image_b: ImagePair
     ) -> tuple[ImageDifference, ImageDifference]:
-        """Differences of the results of two images of the drawn pixels; maps of the whole image."""
-        return ImageDifference.between(self.temperature, image_a, image_b, self.drawn)
+        """Differences of the results of two images; maps (H, W) are NaN between traced pixels."""
+        warm, emissivity = ImageDifference.between(self.temperature, image_a, image_b)
+        return self._spread(warm), self._spread(emissivity)
+
+    def _spread(self, difference: ImageDifference) -> ImageDifference:
+        columns, rows = self.scene.camera.pixels
+        map_K = np.full((rows, columns), np.nan)
+        _picked(map_K, self.every)[:] = difference.map_K
+        return replace(difference, map_K=map_K)
 
     def noise_K(self, image: ImagePair) -> float | None:
-        """RMS error of an image of the drawn pixels by its halves; None: no pixel has one."""
-        return image.error_K(self.temperature, self.drawn)
+        """RMS error of an image by its halves; None: no pixel has one."""
+        return image.error_K(self.temperature)
+
+
+def _picked(image: NDArray[_Scalar], every: int) -> NDArray[_Scalar]:
+    """Every n-th pixel of an image (H, W), as a view."""
+    return image[every // 2 :: every, every // 2 :: every]
 
 
 def temperature_of(

@@ -44,7 +44,7 @@ class _PixelSampling(ErrorSource):
 
     def of_image(self, at: Measurement, image: ImagePair) -> float | None:
         # Single pixels far apart do not show it, and chosen rays are chosen for their share.
-        if at.tracer.drawn is not None or self.is_free(at.scene):
+        if at.tracer.every > 1 or self.is_free(at.scene):
             return None
         return self._of(at, image).cause.error_K
 

@@ -114,18 +114,3 @@ def test_a_trace_is_measured() -> None:
         found, cost = TraceCost.measured(device, 8, settings, partial(getattr, made, "self"))
         assert found is made and (cost.cells, cost.ordinates, cost.pixels) == (8, 24, 12)
         assert cost.sweeps_s == pytest.approx(share * (cost.sweeps_s + cost.rays_s))
-
-
-def test_drawn_pixels_see_more_medium_than_those_of_the_image() -> None:
-    """Of 1000 pixels 10 see the medium and 5 of them were drawn, with 5 of the 990 others: rays of
-    the whole image take twice as long."""
-    background = np.array([[0.5] * 5 + [1.0] * 5])
-    chance = np.array([[1 / 2] * 5 + [1 / 198] * 5])
-    made: Any = SimpleNamespace(
-        seconds={"image": 1.0}, weights=SimpleNamespace(background=background)
-    )
-    device: Any = SimpleNamespace(is_cpu=False)
-    settings: Any = SimpleNamespace(final_directions=24)
-    _, cost = TraceCost.measured(device, 8, settings, lambda: made, chance=chance)
-    assert cost.pixels == pytest.approx(500)
-    assert cost.scaled_s(8, 24, 1000, 1) == pytest.approx(2 * cost.rays_s)
