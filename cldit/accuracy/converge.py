@@ -193,7 +193,10 @@ def solve(
             limits=resolution.limits,
         )
     )
-    results = trace_each(medium.trees, scene, device, settings, report=stages.tell)
+    known = None
+    if tracer is not None and resolution.depth is not None and scene.transport.method == "source":
+        known = tracer.known(resolution.depth)
+    results = trace_each(medium.trees, scene, device, settings, report=stages.tell, known=known)
     traces = summed(results, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)

@@ -118,6 +118,7 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
             levels={},
             variants={},
             earlier={},
+            whole={},
         )
         differences = tracer.difference(tracer.level(depth), varied.level(depth))
     except (MediumError, PhaseError, SprayError, TransportError) as error:

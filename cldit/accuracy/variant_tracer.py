@@ -50,6 +50,7 @@ class VariantTracer:
     levels: images of the medium itself by number of halvings. earlier: images of the same spray on
     other lattices and their cells, by the cells' edge in m. variants: other images by name and
     halvings. key: all that the images depend on, except the lattice. costs: of the coarse traces.
+    whole: traces of all pixels of the medium itself, by the cells' edge in m.
     """
 
     scene: Scene
@@ -63,6 +64,7 @@ class VariantTracer:
     variants: dict[tuple[str, int], ImagePair] = field(default_factory=dict)
     key: Any = None
     costs: list[TraceCost] = field(default_factory=list)
+    whole: dict[float, Trace] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -83,6 +85,11 @@ class VariantTracer:
         every = math.ceil((math.prod(scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
         if every > 1:
             own_settings = replace(own_settings, rays_K=None)  # which depend on the whole image
+        earlier, whole = {}, {}
+        if previous is not None and previous._serves(key, prepared):
+            earlier = {**previous.earlier, **previous._by_edge_m()}
+            if previous.settings.rays_K == own_settings.rays_K:
+                whole = previous.whole
         return cls(
             scene=scene,
             device=device,
@@ -92,18 +99,23 @@ class VariantTracer:
             temperature=replace(
                 temperature, sees_background=_picked(temperature.sees_background, every)
             ),
-            earlier={} if previous is None else previous._reusable(key, prepared),
+            earlier=earlier,
             key=key,
             costs=[] if previous is None else previous.costs,
+            whole=whole,
         )
 
-    def _reusable(self, key: Any, prepared: Prepared) -> dict[float, ImagePair]:
-        """Images by the cells' edge in m, if only the cone's lattice differs. Wavelengths are
+    def _serves(self, key: Any, prepared: Prepared) -> bool:
+        """True if images serve another medium: only the cone's lattice differs. Wavelengths are
         chosen for each spray, so the wavelength must be the same."""
         present = self.prepared
-        if not present.on_lattice or self.key != key or present.node != prepared.node:
-            return {}
-        return {**self.earlier, **self._by_edge_m()}
+        return present.on_lattice and self.key == key and present.node == prepared.node
+
+    def known(self, depth: int) -> Trace | None:
+        """The trace of all pixels of the medium itself, if there is one, without audit."""
+        edge_m = self.prepared.cube.at(depth).cell_m
+        same = (trace for m, trace in self.whole.items() if math.isclose(m, edge_m))
+        return next(same, None)
 
     def _by_edge_m(self) -> dict[float, ImagePair]:
         """Images of the medium itself by the cells' edge in m."""
@@ -135,7 +147,8 @@ class VariantTracer:
     def level(self, depth: int) -> ImagePair:
         """Image of the medium itself, its cube halved `depth` times; raises as `grids`."""
         if depth not in self.levels:
-            self.levels[depth] = self._traced(self._sources(depth), depth, self.settings)
+            sources, edge_m = self._sources(depth), self.prepared.cube.at(depth).cell_m
+            self.levels[depth] = self._traced(sources, depth, self.settings, keep=edge_m)
         return self.levels[depth]
 
     def _sources(self, depth: int) -> Sources:
@@ -195,6 +208,7 @@ class VariantTracer:
         settings: TraceSettings,
         split: float | None = None,
         rays: Ints | None = None,
+        keep: float | None = None,
     ) -> ImagePair:
         frame = self.prepared.cube.at(depth)
         if self.prepared.on_lattice:
@@ -211,6 +225,8 @@ class VariantTracer:
         )
         self.costs.append(cost)
         image = ImagePair.of(result)
+        if keep is not None and pixels is None:
+            self.whole[keep] = result
         return image if pixels is None else image.map(lambda row: row.reshape(numbers.shape))
 
     def picked(self, result: Trace) -> ImagePair:

@@ -40,10 +40,9 @@ def tracer_of(
 def test_other_lattices_serve_in_the_same_light() -> None:
     """Wavelengths are chosen for each spray: T_app in another light is no error of the cells."""
     before = tracer_of()
-    served: Any = before._reusable("alike", tracer_of().prepared)
-    assert served == {0.2 / 2**7: "coarse", 0.2 / 2**8: "fine"}
-    assert not before._reusable("alike", tracer_of(node=1).prepared)
-    assert not before._reusable("other ordinates", tracer_of().prepared)
+    assert before._serves("alike", tracer_of().prepared)
+    assert not before._serves("alike", tracer_of(node=1).prepared)
+    assert not before._serves("other ordinates", tracer_of().prepared)
 
 
 def test_grids_that_an_error_is_extrapolated_from() -> None:
