@@ -133,4 +133,4 @@ class ImageDifference:
         edge = max(1, round(_NEARBY * max(finite.shape)))
         blocks = np.bincount(row // edge * finite.shape[1] + column // edge, 2.0 * d * e)
         square = max(float(np.sum(d**2 - e**2)), 0.0) + float(np.sum(blocks**2)) ** 0.5
-        return cls((square / np.count_nonzero(number)) ** 0.5, map_K)
+        return cls((square / int(np.count_nonzero(number))) ** 0.5, map_K)

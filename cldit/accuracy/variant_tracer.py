@@ -19,6 +19,7 @@ from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.arrays import Ints
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octree
 from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
@@ -33,10 +34,9 @@ from cldit.transport.trace_cost import TraceCost
 from cldit.transport.view import View
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
-_LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
-# That of a finer one: with a ratio r the error by first order is r / (r - 1) times the difference,
-# so that a finer one at 2 has the factor of a coarser one at 1.5.
-_LEAST_FINER = 2.0
+# Ratio of cell sizes between images that an error is extrapolated from: below, its first order is
+# more than three times a difference, and above, the coarser image misses what the finer one has.
+_LEAST, _MOST = 1.5 - 1e-6, 3.0
 # Pixels of an image of which all are traced, 300 x 300: if the medium fills a tenth of the image,
 # and most of a difference is in a hundredth of that, then 90 pixels know its RMS to a tenth.
 _MOST_PIXELS = 90_000
@@ -44,13 +44,12 @@ _MOST_PIXELS = 90_000
 
 @dataclass(frozen=True)
 class VariantTracer:
-    """Traces variants of a prepared medium.
+    """Traces variants of a prepared medium; `cell_m` is the edge of the finest cells.
 
     every: step between traced pixels, in both directions. temperature: T_app of these pixels.
-    levels: images of the medium itself by number of halvings. earlier: images of the same spray on
-    other lattices and their cells, by the cells' edge in m. variants: other images by name and
-    halvings. key: all that the images depend on, except the lattice. costs: of the coarse traces.
-    whole: traces of all pixels of the medium itself, by the cells' edge in m.
+    levels: images of the medium itself by `cell_m`, of a cone on that lattice. whole: their traces,
+    where all pixels were traced. variants: other images by name and `cell_m`. key: all that the
+    images depend on, except the lattice. costs: of the coarse traces.
     """
 
     scene: Scene
@@ -59,12 +58,11 @@ class VariantTracer:
     prepared: Prepared
     every: int
     temperature: NodeTemperature
-    levels: dict[int, ImagePair] = field(default_factory=dict)
-    earlier: Mapping[float, ImagePair] = field(default_factory=dict)
-    variants: dict[tuple[str, int], ImagePair] = field(default_factory=dict)
+    levels: dict[float, ImagePair] = field(default_factory=dict)
+    whole: dict[float, Trace] = field(default_factory=dict)
+    variants: dict[tuple[str, float], ImagePair] = field(default_factory=dict)
     key: Any = None
     costs: list[TraceCost] = field(default_factory=list)
-    whole: dict[float, Trace] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -85,11 +83,8 @@ class VariantTracer:
         every = math.ceil((math.prod(scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
         if every > 1:
             own_settings = replace(own_settings, rays_K=None)  # which depend on the whole image
-        earlier, whole = {}, {}
-        if previous is not None and previous._serves(key, prepared):
-            earlier = {**previous.earlier, **previous._by_edge_m()}
-            if previous.settings.rays_K == own_settings.rays_K:
-                whole = previous.whole
+        serves = previous is not None and previous._serves(key, prepared)
+        alike = serves and previous is not None and previous.settings.rays_K == own_settings.rays_K
         return cls(
             scene=scene,
             device=device,
@@ -99,10 +94,10 @@ class VariantTracer:
             temperature=replace(
                 temperature, sees_background=_picked(temperature.sees_background, every)
             ),
-            earlier=earlier,
+            levels=previous.levels if previous is not None and serves else {},
+            whole=previous.whole if previous is not None and alike else {},
             key=key,
             costs=[] if previous is None else previous.costs,
-            whole=whole,
         )
 
     def _serves(self, key: Any, prepared: Prepared) -> bool:
@@ -111,51 +106,62 @@ class VariantTracer:
         present = self.prepared
         return present.on_lattice and self.key == key and present.node == prepared.node
 
-    def known(self, depth: int) -> Trace | None:
-        """The trace of all pixels of the medium itself, if there is one, without audit."""
-        edge_m = self.prepared.cube.at(depth).cell_m
-        same = (trace for m, trace in self.whole.items() if math.isclose(m, edge_m))
-        return next(same, None)
+    @property
+    def step(self) -> float:
+        """Ratio of cells between coarse traces: the least for a cone, which takes any lattice."""
+        return 1.5 if self.prepared.on_lattice else 2.0
 
-    def _by_edge_m(self) -> dict[float, ImagePair]:
-        """Images of the medium itself by the cells' edge in m."""
-        return {self.prepared.cube.at(n).cell_m: image for n, image in self.levels.items()}
+    def coarser(self, cell_m: float) -> float:
+        """The traced cells, or twice as large ones, for errors that do not depend on the cells."""
+        traced = (m for m in self.levels if _LEAST <= m / cell_m <= _MOST)
+        return min(traced, default=2.0 * cell_m)
 
-    def grids(self, depth: int) -> list[tuple[float, ImagePair]]:
-        """Images on three grids, the finest first, with the sizes of their cells over those at
-        `depth`, which are among them.
+    def grids(self, cell_m: float) -> list[tuple[float, ImagePair]]:
+        """Images on three grids, the finest first, with the sizes of their cells over `cell_m`,
+        which are among them.
 
         A finer image that is there is used, with a coarser one; else the other two are about twice
         and four times as coarse. Raises MediumError without enough memory, SprayError if no cone
         has such a lattice.
         """
-        image, cell_m = self.level(depth), self.prepared.cube.at(depth).cell_m
-        by_edge_m = {**self.earlier, **self._by_edge_m()}
-        images = {edge_m / cell_m: pair for edge_m, pair in by_edge_m.items()}
-        half = [size for size in images if 1 / _MOST <= size <= (1 + 1e-9) / _LEAST_FINER]
+        image = self.level(cell_m)
+        images = {edge_m / cell_m: pair for edge_m, pair in self.levels.items()}
+        finer = [size for size in images if _LEAST <= 1 / size <= _MOST]
         sizes: list[float] = []
         for _ in range(2):
             alike = [size for size in images if _LEAST <= size / (sizes or [1.0])[-1] <= _MOST]
             sizes += [min(alike)] if alike else []
-        if half and sizes:
-            return [(max(half), images[max(half)]), (1.0, image), (sizes[0], images[sizes[0]])]
+        if finer and sizes:
+            return [(max(finer), images[max(finer)]), (1.0, image), (sizes[0], images[sizes[0]])]
         if len(sizes) == 2:
             return [(1.0, image), *((size, images[size]) for size in sizes)]
-        four, twice = ((2.0**up, self.level(depth - up)) for up in (2, 1))
+        four, twice = ((up, self.level(up * cell_m)) for up in (4.0, 2.0))
         return [(1.0, image), twice, four]
 
-    def level(self, depth: int) -> ImagePair:
-        """Image of the medium itself, its cube halved `depth` times; raises as `grids`."""
-        if depth not in self.levels:
-            sources, edge_m = self._sources(depth), self.prepared.cube.at(depth).cell_m
-            self.levels[depth] = self._traced(sources, depth, self.settings, keep=edge_m)
-        return self.levels[depth]
+    def level(self, cell_m: float) -> ImagePair:
+        """Image of the medium itself; raises as `grids`."""
+        cell_m = _rounded(cell_m)
+        if cell_m not in self.levels:
+            self.levels[cell_m] = self._traced(
+                self._sources(cell_m), cell_m, self.settings, keep=True
+            )
+        return self.levels[cell_m]
 
-    def _sources(self, depth: int) -> Sources:
+    def frame(self, cell_m: float) -> Frame:
+        """The cube in cells of this edge: of a lattice at least the domain, else its halvings."""
+        if self.prepared.on_lattice:
+            domain = self.scene.domain
+            depth = max(math.ceil(math.log2(domain.edge_m / cell_m) - 1e-9), 0)
+            edge_m = math.ldexp(cell_m, depth)
+            return Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=1.001 * cell_m)
+        cube = self.prepared.cube
+        return cube.at(round(math.log2(cube.edge_m / cell_m)))
+
+    def _sources(self, cell_m: float) -> Sources:
         """Sources of the medium itself, a cone's on the lattice of the cells."""
         if not self.prepared.on_lattice:
             return self.prepared.sources
-        cone = self.cone_at(depth)
+        cone = self.cone_at(cell_m)
         self._refuse_large(cone)
         return self.prepared.resprayed(cone)
 
@@ -170,47 +176,52 @@ class VariantTracer:
                 f"the memory is {finest_m:.3g}"
             )
 
-    def cone_at(self, depth: int) -> ConeSpray:
+    def cone_at(self, cell_m: float) -> ConeSpray:
         """The cone on the lattice of the cells."""
         assert self.prepared.cone is not None
-        spacing_m = self.prepared.cube.at(depth).cell_m
-        return self.prepared.cone.model_copy(update={"spacing_m": spacing_m})
+        return self.prepared.cone.model_copy(update={"spacing_m": cell_m})
 
-    def variant(self, name: str, make: Callable[[], Sources], depth: int) -> ImagePair:
-        """Image of other sources in the same cube, made and traced once for a name and depth."""
-        if (name, depth) not in self.variants:
-            self.variants[name, depth] = self._alike(make(), depth, {})
-        return self.variants[name, depth]
+    def variant(self, name: str, make: Callable[[], Sources], cell_m: float) -> ImagePair:
+        """Image of other sources in the same cells, made and traced once."""
+        if (name, cell_m) not in self.variants:
+            self.variants[name, cell_m] = self._alike(make(), cell_m, {})
+        return self.variants[name, cell_m]
 
     def changed(
-        self, name: str, depth: int, settings: Mapping[str, Any], split: float | None = None
+        self, name: str, cell_m: float, settings: Mapping[str, Any], split: float | None = None
     ) -> ImagePair:
-        """Image of the medium itself with other `settings`, traced once for a name and depth.
+        """Image of the medium itself with other `settings`, traced once.
 
         `split` takes the place of `domain.optical_depth_split`. Raises as `grids`.
         """
-        if (name, depth) not in self.variants:
-            self.variants[name, depth] = self._alike(self._sources(depth), depth, settings, split)
-        return self.variants[name, depth]
+        if (name, cell_m) not in self.variants:
+            self.variants[name, cell_m] = self._alike(
+                self._sources(cell_m), cell_m, settings, split
+            )
+        return self.variants[name, cell_m]
 
     def _alike(
-        self, sources: Sources, depth: int, settings: Mapping[str, Any], split: float | None = None
+        self,
+        sources: Sources,
+        cell_m: float,
+        settings: Mapping[str, Any],
+        split: float | None = None,
     ) -> ImagePair:
         """Image by the same rays as that of the medium itself."""
         varied = replace(self.settings, subpixels=False, rays_K=None, **settings)
-        like = self.levels.get(depth)
-        return self._traced(sources, depth, varied, split, None if like is None else like.rays)
+        like = self.levels.get(_rounded(cell_m))
+        return self._traced(sources, cell_m, varied, split, None if like is None else like.rays)
 
     def _traced(
         self,
         sources: Sources,
-        depth: int,
+        cell_m: float,
         settings: TraceSettings,
         split: float | None = None,
         rays: Ints | None = None,
-        keep: float | None = None,
+        keep: bool = False,
     ) -> ImagePair:
-        frame = self.prepared.cube.at(depth)
+        frame = self.frame(cell_m)
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         (tree,) = self.prepared.octrees(frame, [sources], split)
@@ -225,9 +236,17 @@ class VariantTracer:
         )
         self.costs.append(cost)
         image = ImagePair.of(result)
-        if keep is not None and pixels is None:
-            self.whole[keep] = result
+        if keep and pixels is None:
+            self.whole[cell_m] = result
         return image if pixels is None else image.map(lambda row: row.reshape(numbers.shape))
+
+    def known(self, cell_m: float) -> Trace | None:
+        """The trace of all pixels of the medium itself, if there is one, without audit."""
+        return self.whole.get(_rounded(cell_m))
+
+    def put(self, cell_m: float, result: Trace) -> None:
+        """Keeps the image of the whole run."""
+        self.levels[_rounded(cell_m)] = self.picked(result)
 
     def picked(self, result: Trace) -> ImagePair:
         """The traced pixels of an image of the whole run, by the rays of this tracer's images."""
@@ -253,6 +272,10 @@ class VariantTracer:
     def noise_K(self, image: ImagePair) -> float | None:
         """RMS error of an image by its halves; None: no pixel has one."""
         return image.error_K(self.temperature)
+
+
+def _rounded(cell_m: float) -> float:
+    return float(f"{cell_m:.9g}")  # the same cells by halving and by lattice
 
 
 def _picked(image: NDArray[_Scalar], every: int) -> NDArray[_Scalar]:

@@ -37,17 +37,16 @@ def remark(
     coarse: TraceCost | None,
     ordinates: int = 24,
     keys: Mapping[str, Any] | None = None,
-    predicted_K: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
     camera = {"camera.pixels": [100, 100], **WHOLE_KEYS}
     gdi: Scene = load_scene("gdi-cone").with_(**{**camera, **(keys or {})})
     settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
-    allocation = replace(Allocation.of(gdi, 1.0), predicted_K=predicted_K or {}).allocated(gdi)
+    allocation = Allocation.of(gdi, 1.0)
     return expected(
         gdi, device, frame, box(), [settings],
-        coarse=[] if coarse is None else [coarse], allocation=allocation, limits={},
+        coarse=[] if coarse is None else [coarse], allocation=allocation,
     )  # fmt: skip
 
 
@@ -80,27 +79,6 @@ def test_half_of_the_memory_is_announced(monkeypatch: pytest.MonkeyPatch) -> Non
     assert remark(coarse=None) == ()
     (text,) = remark(depth=7, coarse=None)
     assert text.startswith("expected for the image: 0.017 GB, by ")
-
-
-def test_an_error_above_what_is_asked_is_announced_with_the_cost(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The squares of predicted errors, and of 0.6 of the other shares: the likely ones."""
-    monkeypatch.setattr(remarks, "memory_bytes", lambda _: 64 * GB)
-    asked = Allocation.of(load_scene("gdi"), 1.0)
-    likely_K2 = sum((0.6 * one) ** 2 for one in asked.shares_K.values())
-    assert remark(coarse=COARSE, predicted_K={"parcels": 0.5}) == ()
-    cost, error = remark(coarse=COARSE, predicted_K={"parcels": 1.5, "deposit width": 0.3})
-    assert cost.startswith("expected for the image: 10 core-s and ")
-    total_K = (1.5**2 + 0.3**2 + likely_K2) ** 0.5
-    assert error.startswith(
-        f"expected error {total_K:.2g} K RMS, more than transport.accuracy_K: 1"
-    )
-    assert "parcels contribute 1.5 K, set by spray.file; allowed: " in error
-    assert error.endswith("more parcels in the file")
-    keys = {"domain.leaf_edge_m": 1e-3}
-    _, error = remark(coarse=COARSE, keys=keys, predicted_K={"cells": 4.0})
-    assert "cells contribute 4 K, set by domain.leaf_edge_m; allowed: a smaller" in error
 
 
 def test_a_trace_is_measured() -> None:

@@ -9,10 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
-from cldit.accuracy.sources import SOURCES, pixel_sampling
-from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -32,7 +29,7 @@ def tracer_of(
     cube = Frame((0.0, 0.0, 0.0), edge_m=0.2, depth=0)
     prepared: Any = SimpleNamespace(on_lattice=True, node=node, cube=cube)
     settings: Any = SimpleNamespace(accuracy_K=asked_K, visible=0.05)
-    levels: Any = {7: "coarse", 8: "fine"}
+    levels: Any = {}
     scene = load_scene("gdi-cone").with_(**{"camera.rays_per_pixel": 1})
     return VariantTracer(scene, NOTHING, settings, prepared, every, NOTHING, levels=levels, key=key)
 
@@ -47,34 +44,28 @@ def test_other_lattices_serve_in_the_same_light() -> None:
 
 def test_grids_that_an_error_is_extrapolated_from() -> None:
     """Half of the cells and twice their edge, if both are there; else twice and four times."""
-    levels: Any = {5: "5", 6: "6", 7: "7", 8: "8"}
+    m = {depth: float(f"{0.2 / 2**depth:.9g}") for depth in range(9)}
+    levels: Any = {m[depth]: str(depth) for depth in (5, 6, 7, 8)}
     tracer: Any = replace(tracer_of(), levels=levels)
-    assert tracer.grids(8) == [(1.0, "8"), (2.0, "7"), (4.0, "6")]
-    assert tracer.grids(7) == [(0.5, "8"), (1.0, "7"), (2.0, "6")]
-    cell_m = 0.2 / 2**7
-    earlier = {0.6 * cell_m: "near", 1.6 * cell_m: "twice", 3.2 * cell_m: "four"}
-    tracer = replace(tracer, levels={7: "7"}, earlier=earlier)
-    assert [image for _, image in tracer.grids(7)] == ["7", "twice", "four"]
-    assert [size for size, _ in tracer.grids(7)] == pytest.approx([1.0, 1.6, 3.2])
+    assert tracer.grids(m[8]) == [(1.0, "8"), (2.0, "7"), (4.0, "6")]
+    assert tracer.grids(m[7]) == [(0.5, "8"), (1.0, "7"), (2.0, "6")]
+    levels = {m[7]: "7", 1.5 * m[7]: "near", 3.2 * m[7]: "far"}
+    tracer = replace(tracer_of(), levels=levels)
+    assert [image for _, image in tracer.grids(m[7])] == ["7", "near", "far"]
+    assert tracer.coarser(m[7]) == 1.5 * m[7] and tracer.coarser(3.2 * m[7]) == 6.4 * m[7]
 
 
-@pytest.mark.parametrize("every", [1, 2])
-def test_an_image_shows_noise_and_pixels(every: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One wavelength has a tolerance of its own; the noise of all is scaled to that of the trace.
-
-    Pixels that lie far apart show nothing of the pixel sampling.
-    """
-    pixels = Estimate(Cause("pixel sampling", 0.2, "known"))
-    monkeypatch.setattr(pixel_sampling, "pixel_error", lambda *_, **__: pixels)
-    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: None)
-    monkeypatch.setattr(ImagePair, "error_K", lambda *_: 0.8)
-    image = ImagePair(Weights(*(np.zeros((4, 4), np.float32),) * 4))
-    resolution: Any = SimpleNamespace(ordinates_K=0.5)
-    tracer = tracer_of(every=every, asked_K=2.0)
-    at = Measurement(tracer.scene, tracer, NOTHING, 8, 7, resolution=resolution)
-    found = {source.name: source.of_image(at, image) for source in SOURCES}
-    known = {name: error_K for name, error_K in found.items() if error_K is not None}
-    assert known == {"trace": 0.2} | ({"pixel sampling": 0.2} if every == 1 else {})
+def test_cells_of_a_lattice_have_any_edge() -> None:
+    """Their cube is the domain or up to twice as large; else the cube is halved."""
+    tracer: Any = tracer_of()
+    for cell_m in (0.2 / 64, 0.2 / 64 / 1.5, 0.2 / 64 / 2.25):
+        frame = tracer.frame(cell_m)
+        assert frame.cell_m == pytest.approx(cell_m) and 0.2 - 1e-9 <= frame.edge_m < 0.4
+        assert np.add(frame.lower_m, frame.edge_m / 2) == pytest.approx(
+            tracer.scene.domain.centre_m
+        )
+    tracer.prepared.on_lattice = False
+    assert tracer.frame(0.2 / 64) == tracer.prepared.cube.at(6)
 
 
 def test_every_third_pixel_stands_for_its_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
