@@ -85,10 +85,10 @@ class Allocation:
         falls by one, while the cost grows by as many per cent whatever F is. Upper bounds do not
         count as F. The shares are never less than those of the tolerance.
         """
-        known = [e.cause for e in fixed if e.cause.error_K is not None]  # emissivity bounds none
-        fixed_K = {cause.name: cause.error_K or 0.0 for cause in known}
+        causes = [e.cause for e in fixed if e.cause.error_K is not None]  # emissivity bounds none
+        fixed_K = {cause.name: cause.error_K or 0.0 for cause in causes}
         fixed_K2 = sum(error_K**2 for error_K in fixed_K.values())
-        large_K2 = sum((cause.error_K or 0.0) ** 2 for cause in known if not cause.at_most)
+        large_K2 = sum((cause.error_K or 0.0) ** 2 for cause in causes if not cause.at_most)
         left_K2 = max(tolerance_K**2 - fixed_K2, IN_VAIN * large_K2)
         sources = {name: BY_NAME[name] for name in free_sources(scene)}
         free_K = max(left_K2, tolerance_K**2) ** 0.5

@@ -193,10 +193,10 @@ def solve(
             allocation=allocation,
         )
     )
-    known = None
+    traced = None
     if tracer is not None and scene.transport.method == "source":
-        known = tracer.known(medium.cell_m)
-    results = trace_each(medium.trees, scene, device, settings, report=stages.tell, known=known)
+        traced = tracer.known(medium.cell_m)
+    results = trace_each(medium.trees, scene, device, settings, report=stages.tell, known=traced)
     traces = summed(results, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)

@@ -118,7 +118,7 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
             prepared=medium,
             levels={},
             variants={},
-            whole={},
+            traces={},
         )
         differences = tracer.difference(tracer.level(cell_m), varied.level(cell_m))
     except (MediumError, PhaseError, SprayError, TransportError) as error:

@@ -190,10 +190,10 @@ def choose_cells(
             return Cells(cell_m, predicted_error(tracer, cell_m)[0])
         if estimates is None:
             return None
-        largest, last = worst(estimates), cell_m / step < finest_m
+        largest, ends = worst(estimates), cell_m / step < finest_m
         error_K = largest.error_K
         if max(estimate.bound_K or 0.0 for estimate in estimates) > _CLOSE * tolerance_K:
-            if not last:
+            if not ends:
                 cell_m /= step
                 continue  # outside the asymptotic range: finer cells tell the order
         else:
@@ -202,7 +202,7 @@ def choose_cells(
                 return Cells(step * cell_m, worst(larger).error_K)
         if error_K <= tolerance_K:
             return Cells(cell_m, error_K)
-        if last:
+        if ends:
             return Cells(cell_m, error_K, _ALL_HALVINGS)
         less = 1 / step
         if on_lattice:

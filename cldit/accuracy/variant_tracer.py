@@ -46,8 +46,8 @@ _MOST_PIXELS = 90_000
 class VariantTracer:
     """Traces variants of a prepared medium; `cell_m` is the edge of the finest cells.
 
-    every: step between traced pixels, in both directions. temperature: T_app of these pixels.
-    levels: images of the medium itself by `cell_m`, of a cone on that lattice. whole: their traces,
+    stride: step between traced pixels, in both directions. temperature: T_app of these pixels.
+    levels: images of the medium itself by `cell_m`, of a cone on that lattice. traces: their traces,
     where all pixels were traced. variants: other images by name and `cell_m`. key: all that the
     images depend on, except the lattice. costs: of the coarse traces.
     """
@@ -56,10 +56,10 @@ class VariantTracer:
     device: Device
     settings: TraceSettings
     prepared: Prepared
-    every: int
+    stride: int
     temperature: NodeTemperature
     levels: dict[float, ImagePair] = field(default_factory=dict)
-    whole: dict[float, Trace] = field(default_factory=dict)
+    traces: dict[float, Trace] = field(default_factory=dict)
     variants: dict[tuple[str, float], ImagePair] = field(default_factory=dict)
     key: Any = None
     costs: list[TraceCost] = field(default_factory=list)
@@ -80,22 +80,22 @@ class VariantTracer:
         """
         own_settings = replace(settings, method="source", audit=False, subpixels=False)
         temperature = temperature_of(scene, prepared, visible=own_settings.visible)
-        every = math.ceil((math.prod(scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
-        if every > 1:
+        stride = math.ceil((math.prod(scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
+        if stride > 1:
             own_settings = replace(own_settings, rays_K=None)  # which depend on the whole image
         serves = previous is not None and previous._serves(key, prepared)
         alike = serves and previous is not None and previous.settings.rays_K == own_settings.rays_K
         return cls(
             scene=scene,
             device=device,
-            settings=replace(own_settings, subpixels=every == 1 and own_settings.rays_K is None),
+            settings=replace(own_settings, subpixels=stride == 1 and own_settings.rays_K is None),
             prepared=prepared,
-            every=every,
+            stride=stride,
             temperature=replace(
-                temperature, sees_background=_picked(temperature.sees_background, every)
+                temperature, sees_background=_picked(temperature.sees_background, stride)
             ),
             levels=previous.levels if previous is not None and serves else {},
-            whole=previous.whole if previous is not None and alike else {},
+            traces=previous.traces if previous is not None and alike else {},
             key=key,
             costs=[] if previous is None else previous.costs,
         )
@@ -226,8 +226,8 @@ class VariantTracer:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         (tree,) = self.prepared.octrees(frame, [sources], split)
         columns, rows = self.scene.camera.pixels
-        numbers = _picked(np.arange(rows * columns).reshape(rows, columns), self.every)
-        pixels = None if self.every == 1 else numbers.reshape(-1)
+        numbers = _picked(np.arange(rows * columns).reshape(rows, columns), self.stride)
+        pixels = None if self.stride == 1 else numbers.reshape(-1)
         result, cost = TraceCost.measured(
             self.device,
             counted(frame, sources, self.device).swept,
@@ -237,12 +237,12 @@ class VariantTracer:
         self.costs.append(cost)
         image = ImagePair.of(result)
         if keep and pixels is None:
-            self.whole[cell_m] = result
+            self.traces[cell_m] = result
         return image if pixels is None else image.map(lambda row: row.reshape(numbers.shape))
 
     def known(self, cell_m: float) -> Trace | None:
         """The trace of all pixels of the medium itself, if there is one, without audit."""
-        return self.whole.get(_rounded(cell_m))
+        return self.traces.get(_rounded(cell_m))
 
     def put(self, cell_m: float, result: Trace) -> None:
         """Keeps the image of the whole run."""
@@ -250,11 +250,11 @@ class VariantTracer:
 
     def picked(self, result: Trace) -> ImagePair:
         """The traced pixels of an image of the whole run, by the rays of this tracer's images."""
-        if self.every == 1:
+        if self.stride == 1:
             return ImagePair.of(result)
         chosen = self.scene.camera.rays_across is None
         image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
-        return image.map(lambda whole: _picked(whole, self.every))
+        return image.map(lambda image: _picked(image, self.stride))
 
     def difference(
         self, image_a: ImagePair, image_b: ImagePair
@@ -266,7 +266,7 @@ class VariantTracer:
     def _spread(self, difference: ImageDifference) -> ImageDifference:
         columns, rows = self.scene.camera.pixels
         map_K = np.full((rows, columns), np.nan)
-        _picked(map_K, self.every)[:] = difference.map_K
+        _picked(map_K, self.stride)[:] = difference.map_K
         return replace(difference, map_K=map_K)
 
     def noise_K(self, image: ImagePair) -> float | None:
@@ -278,9 +278,9 @@ def _rounded(cell_m: float) -> float:
     return float(f"{cell_m:.9g}")  # the same cells by halving and by lattice
 
 
-def _picked(image: NDArray[_Scalar], every: int) -> NDArray[_Scalar]:
+def _picked(image: NDArray[_Scalar], stride: int) -> NDArray[_Scalar]:
     """Every n-th pixel of an image (H, W), as a view."""
-    return image[every // 2 :: every, every // 2 :: every]
+    return image[stride // 2 :: stride, stride // 2 :: stride]
 
 
 def temperature_of(

@@ -102,8 +102,8 @@ class _Cells(ErrorSource):
         at.stages.tell("errors: other cells")
         estimates = error_at(at.tracer, at.cell_m)
         if estimates is None:
-            few = 4 * at.cell_m > at.prepared.cube.edge_m * (1 + 1e-9)
-            reason = "too few halvings of the cube to compare" if few else NO_PIXEL
+            too_coarse = 4 * at.cell_m > at.prepared.cube.edge_m * (1 + 1e-9)
+            reason = "too few halvings of the cube to compare" if too_coarse else NO_PIXEL
             return [Estimate.unknown(self.name, reason, fixed)]
         cell_mm = 1e3 * at.cell_m
         sizes = ", ".join(f"{cell_mm * up:.3g}" for up in estimates[0].sizes)

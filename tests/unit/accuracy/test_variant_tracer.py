@@ -94,5 +94,5 @@ def test_at_most_90_000_pixels_are_traced(pixels: int, every: int, device: Devic
     node = Quadrature.grey(scene_filter(scene), reference_K=400.0).nodes[0]
     prepared: Any = SimpleNamespace(cube=cube, device=device, node=node)
     tracer = VariantTracer.of(scene, device, settings_for(scene), prepared)
-    assert tracer.every == every
+    assert tracer.stride == every
     assert tracer.temperature.sees_background.size <= 90_000
