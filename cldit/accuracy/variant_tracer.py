@@ -47,7 +47,7 @@ class VariantTracer:
     """Traces variants of a prepared medium; `cell_m` is the edge of the finest cells.
 
     stride: step between traced pixels, in both directions. temperature: T_app of these pixels.
-    levels: images of the medium itself by `cell_m`, of a cone on that lattice. traces: their traces,
+    levels: images of the medium itself by `cell_m`, of a cone on that lattice. traces: likewise,
     where all pixels were traced. variants: other images by name and `cell_m`. key: all that the
     images depend on, except the lattice. costs: of the coarse traces.
     """
