@@ -73,12 +73,6 @@ class ImagePair:
         )
         return np.asarray((result_a - result_b) / 2.0)
 
-    def error_K(self, temperature: NodeTemperature) -> float | None:
-        """RMS of the noise of T_app over the visible pixels; None: there is none."""
-        noise = self.noise_K(temperature)[0]
-        finite = np.isfinite(noise) & self.visible(temperature)
-        return float(np.sqrt(np.mean(noise[finite] ** 2))) if finite.any() else None
-
 
 @dataclass(frozen=True)
 class ImageDifference:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from cldit.accuracy.allocation import Allocation, free_sources
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
-from cldit.accuracy.richardson import SAFE, RichardsonEstimate, error_at, predicted_error, worst
+from cldit.accuracy.richardson import SAFE, RichardsonEstimate, error_at
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import spectral_K
@@ -61,15 +61,14 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
         resolution, tracer = problem.tracer(resolution)
     if tracer.prepared.is_empty:
         return replace(resolution, depth=tracer.prepared.cube.depth), allocation
-    cells = Cells(tracer.prepared.cube.cell_m)
+    cell_m, limited = tracer.prepared.cube.cell_m, ""
     if "cells" in free_sources(scene):
         with problem.stages.stage("coarse traces") as note:
             chosen = choose_cells(tracer, allocation.cells_K, problem.stages.tell)
-            cells = chosen or cells
+            cell_m, limited = chosen or (cell_m, limited)
             reason = "no pixel has a T_app" if chosen is None else f"{allocation.cells_K:.2g} K"
-            note.append(f"cells of {1e3 * cells.cell_m:.3g} mm for {reason}")
-    frame = tracer.frame(cells.cell_m)
-    return resolution.in_cells(frame).limited("cells", cells.limited), allocation
+            note.append(f"cells of {1e3 * cell_m:.3g} mm for {reason}")
+    return resolution.in_cells(tracer.frame(cell_m)).limited("cells", limited), allocation
 
 
 def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Resolution:
@@ -87,10 +86,9 @@ def coarse_estimates(problem: Problem, tracer: VariantTracer) -> tuple[Estimate,
     coarsest cells that will do."""
     scene, prepared = problem.scene, tracer.prepared
     fixed = [source for source in SOURCES if not source.is_free(scene)]
-    at = Measurement(scene, tracer, problem.stages, prepared.cube.cell_m, prepared.cube.cell_m)
-    out = [estimate for source in fixed if not source.of_spray for estimate in at.of(source)]
     listed = SOURCES if prepared.cone is not None else fixed
     of_spray = [source for source in listed if source.of_spray and source.applies(prepared)]
+    estimates: list[Estimate] = []
     cell_m = coarsest_m(tracer)
     if isinstance(scene.spray, GridSpray):  # cells smaller than its voxels show no more
         cell_m = max(cell_m, prepared.cube.cell_m)
@@ -98,13 +96,13 @@ def coarse_estimates(problem: Problem, tracer: VariantTracer) -> tuple[Estimate,
         at = Measurement(scene, tracer, problem.stages, cell_m, cell_m)
         try:
             tracer.level(cell_m)
-            out += [estimate for source in of_spray for estimate in at.of(source)]
+            estimates += [estimate for source in of_spray for estimate in at.of(source)]
             break
         except (SprayError, TransportError):  # no cone has the lattice, or cells reach too far
             cell_m /= tracer.step
             if isinstance(scene.spray, GridSpray) or cell_m < 2 * _finest_m(tracer):
                 break
-    return tuple(estimate for estimate in out if estimate.error_K is not None)
+    return tuple(estimate for estimate in estimates if estimate.error_K is not None)
 
 
 _FINEST = 12  # halvings: 4096 cells along an edge
@@ -114,19 +112,6 @@ _ALL_HALVINGS = (
     f"the cube is halved {_FINEST} times at most; allowed: a smaller domain.edge_m, or a larger "
     "transport.accuracy_K"
 )
-
-
-@dataclass(frozen=True)
-class Cells:
-    """The chosen cells and their edge.
-
-    error_K: found or predicted; None: unknown. limited: why they are not smaller, if the tolerance
-    needs it; else empty.
-    """
-
-    cell_m: float
-    error_K: float | None = None
-    limited: str = ""
 
 
 def coarsest_m(tracer: VariantTracer) -> float:
@@ -152,8 +137,10 @@ def _less(estimate: RichardsonEstimate, error_K: float) -> float:
 
 def choose_cells(
     tracer: VariantTracer, tolerance_K: float, say: Callable[[str], None]
-) -> Cells | None:
-    """The largest cells within the tolerance; None if no pixel has a T_app.
+) -> tuple[float, str] | None:
+    """Edge of the largest cells within the tolerance; None if no pixel has a T_app.
+
+    The text is why they are not smaller, if the tolerance needs it; else empty.
 
     The search ends when the error that is predicted for the next finer cells is small enough, so
     that these are traced once, for the image of the run. Cells that were traced for the order
@@ -182,16 +169,13 @@ def choose_cells(
         try:
             estimates = error_at(tracer, cell_m)
         except MediumError:
-            coarser = error_at(tracer, step * cell_m)
-            error_K = None if coarser is None else worst(coarser).error_K
-            return Cells(step * cell_m, error_K, too_many(cell_m))
+            return step * cell_m, too_many(cell_m)
         except SprayError:
             # The finest lattice that suits the cone lies between: the run finds it, step by step.
-            return Cells(cell_m, predicted_error(tracer, cell_m)[0])
+            return cell_m, ""
         if estimates is None:
             return None
-        largest, ends = worst(estimates), cell_m / step < finest_m
-        error_K = largest.error_K
+        ends = cell_m / step < finest_m
         if max(estimate.bound_K or 0.0 for estimate in estimates) > _CLOSE * tolerance_K:
             if not ends:
                 cell_m /= step
@@ -199,17 +183,17 @@ def choose_cells(
         else:
             larger = [estimate.at(step) for estimate in estimates]
             if max(estimate.most_K for estimate in larger) <= tolerance_K:  # they were traced
-                return Cells(step * cell_m, worst(larger).error_K)
-        if error_K <= tolerance_K:
-            return Cells(cell_m, error_K)
+                return step * cell_m, ""
+        if max(estimate.error_K for estimate in estimates) <= tolerance_K:
+            return cell_m, ""
         if ends:
-            return Cells(cell_m, error_K, _ALL_HALVINGS)
+            return cell_m, _ALL_HALVINGS
         less = 1 / step
         if on_lattice:
             less = min(_less(estimate, SAFE * tolerance_K) for estimate in estimates)
         predicted_K = max(estimate.at(less).error_K for estimate in estimates)
         if less >= _LEAST and predicted_K <= _CLOSE * tolerance_K:
-            return Cells(cell_m * less, predicted_K)
+            return cell_m * less, ""
         cell_m /= step
         if cell_m / step < finest_m:
-            return Cells(cell_m, predicted_K, _ALL_HALVINGS)
+            return cell_m, _ALL_HALVINGS

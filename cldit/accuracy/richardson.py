@@ -131,11 +131,3 @@ def error_at(tracer: VariantTracer, cell_m: float) -> list[RichardsonEstimate] |
     if estimates[0].difference.error_K is None:
         return None
     return [replace(estimate.at(1.0 / finest), sizes=sizes) for estimate in estimates]
-
-
-def predicted_error(tracer: VariantTracer, cell_m: float) -> tuple[float | None, bool]:
-    """Error of T_app by cells, as larger ones predict it, None if unknown; True: an upper bound."""
-    estimates = error_at(tracer, 2 * cell_m)
-    if estimates is None:
-        return None, False
-    return estimates[0].error_K / 2 ** estimates[0].order, estimates[0].bound_K is not None

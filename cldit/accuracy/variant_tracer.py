@@ -269,10 +269,6 @@ class VariantTracer:
         _picked(map_K, self.stride)[:] = difference.map_K
         return replace(difference, map_K=map_K)
 
-    def noise_K(self, image: ImagePair) -> float | None:
-        """RMS error of an image by its halves; None: no pixel has one."""
-        return image.error_K(self.temperature)
-
 
 def _rounded(cell_m: float) -> float:
     return float(f"{cell_m:.9g}")  # the same cells by halving and by lattice

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
 from cldit.accuracy.resolution import Resolution, cells_are_free
-from cldit.accuracy.richardson import SAFE, error_at, extrapolated, predicted_error
+from cldit.accuracy.richardson import SAFE, error_at, extrapolated
 from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.trace_error import TraceError
@@ -83,13 +83,6 @@ class _Cells(ErrorSource):
 
     def is_free(self, scene: Scene) -> bool:
         return cells_are_free(scene) and not isinstance(scene.spray, GridSpray)
-
-    def predict(self, at: Measurement) -> list[Estimate]:
-        """The error of cells that the scene fixes, by larger ones."""
-        if isinstance(at.scene.spray, GridSpray):
-            return []
-        error_K, at_most = predicted_error(at.tracer, at.prepared.cube.cell_m)
-        return [Estimate(Cause(self.name, error_K, "by larger ones", at_most=at_most))]
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         assert at.image is not None

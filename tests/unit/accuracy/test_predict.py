@@ -107,14 +107,6 @@ def test_a_computed_spray() -> None:
     assert found(gdi_flow(), tracer) == causes and tracer.seen == {6}
 
 
-def test_cells_of_the_scene() -> None:
-    """Of 0.1 / 128 m: predicted by those of twice and four times the edge."""
-    own = gdi_flow(domain={"leaf_edge_m": 1e-3})
-    error_K, at_most = found(own, Tracer(cell_K=256.0))["cells"]
-    assert error_K == pytest.approx(2.0) and not at_most
-    assert found(gdi_flow(), Tracer(cell_K=256.0)) == {}
-
-
 def test_an_error_that_is_unknown_bounds_nothing() -> None:
     assert found(gdi_flow(), Tracer(gas="above 0.01 m")) == {}
 
