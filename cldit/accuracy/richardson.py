@@ -94,18 +94,14 @@ class RichardsonEstimate:
         return max(self.error_K, self.bound_K or 0.0)
 
 
-def worst(estimates: Sequence[RichardsonEstimate]) -> RichardsonEstimate:
-    """The result with the larger error."""
-    return max(estimates, key=lambda estimate: estimate.error_K)
-
-
 def extrapolated(
     name: str, method: str, fixed: str, estimates: Sequence[RichardsonEstimate], **options: Any
 ) -> Estimate:
     """Error of a source, of the order of the result with the larger one."""
     method += f", extrapolated by order {estimates[0].order:.2g}"
     differences = [estimate.difference for estimate in estimates]
-    return Estimate.of(name, differences, method, fixed, order=worst(estimates).order, **options)
+    order = max(estimates, key=lambda estimate: estimate.error_K).order
+    return Estimate.of(name, differences, method, fixed, order=order, **options)
 
 
 def richardson(

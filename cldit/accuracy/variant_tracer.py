@@ -161,56 +161,42 @@ class VariantTracer:
         """Sources of the medium itself, a cone's on the lattice of the cells."""
         if not self.prepared.on_lattice:
             return self.prepared.sources
-        cone = self.cone_at(cell_m)
-        self._refuse_large(cone)
+        cone, points = self.cone_at(cell_m), self.prepared.sources[0]
+        if points is not None and self.prepared.cone is not None:
+            spacing_m, parcels = self.prepared.cone.lattice_m, len(points.position_m)
+            finest_m = finest_lattice_m(spacing_m, parcels=parcels, wavelengths=1)
+            if cone.lattice_m < finest_m:
+                raise MediumError(
+                    f"spray.spacing_m: {cone.lattice_m:.3g}; the finest lattice whose parcels fit "
+                    f"the memory is {finest_m:.3g}"
+                )
         return self.prepared.resprayed(cone)
-
-    def _refuse_large(self, finer: ConeSpray) -> None:
-        points, cone = self.prepared.sources[0], self.prepared.cone
-        if points is None or cone is None:
-            return
-        finest_m = finest_lattice_m(cone.lattice_m, parcels=len(points.position_m), wavelengths=1)
-        if finer.lattice_m < finest_m:
-            raise MediumError(
-                f"spray.spacing_m: {finer.lattice_m:.3g}; the finest lattice whose parcels fit "
-                f"the memory is {finest_m:.3g}"
-            )
 
     def cone_at(self, cell_m: float) -> ConeSpray:
         """The cone on the lattice of the cells."""
         assert self.prepared.cone is not None
         return self.prepared.cone.model_copy(update={"spacing_m": cell_m})
 
-    def variant(self, name: str, make: Callable[[], Sources], cell_m: float) -> ImagePair:
-        """Image of other sources in the same cells, made and traced once."""
-        if (name, cell_m) not in self.variants:
-            self.variants[name, cell_m] = self._alike(make(), cell_m, {})
-        return self.variants[name, cell_m]
-
-    def changed(
-        self, name: str, cell_m: float, settings: Mapping[str, Any], split: float | None = None
+    def variant(
+        self,
+        name: str,
+        make: Callable[[], Sources] | None,
+        cell_m: float,
+        settings: Mapping[str, Any] | None = None,
+        split: float | None = None,
     ) -> ImagePair:
-        """Image of the medium itself with other `settings`, traced once.
+        """Image of other sources, None: the medium itself, or with other `settings`, by the same
+        rays; traced once.
 
         `split` takes the place of `domain.optical_depth_split`. Raises as `grids`.
         """
         if (name, cell_m) not in self.variants:
-            self.variants[name, cell_m] = self._alike(
-                self._sources(cell_m), cell_m, settings, split
-            )
+            sources = self._sources(cell_m) if make is None else make()
+            varied = replace(self.settings, subpixels=False, rays_K=None, **(settings or {}))
+            like = self.levels.get(_rounded(cell_m))
+            rays = None if like is None else like.rays
+            self.variants[name, cell_m] = self._traced(sources, cell_m, varied, split, rays)
         return self.variants[name, cell_m]
-
-    def _alike(
-        self,
-        sources: Sources,
-        cell_m: float,
-        settings: Mapping[str, Any],
-        split: float | None = None,
-    ) -> ImagePair:
-        """Image by the same rays as that of the medium itself."""
-        varied = replace(self.settings, subpixels=False, rays_K=None, **settings)
-        like = self.levels.get(_rounded(cell_m))
-        return self._traced(sources, cell_m, varied, split, None if like is None else like.rays)
 
     def _traced(
         self,

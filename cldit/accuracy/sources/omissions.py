@@ -89,7 +89,7 @@ class Omission(ErrorSource):
         tracer = at.tracer
         try:
             image = tracer.level(cell_m)
-            complete = tracer.changed(self.name, cell_m, self.complete, split=self.split)
+            complete = tracer.variant(self.name, None, cell_m, self.complete, self.split)
         except (MediumError, SprayError, TransportError) as error:
             reason = f"the image that omits nothing cannot be traced: {error}"
             return Estimate.unknown(self.name, reason, self.fixed_by)
