@@ -7,7 +7,7 @@ the tolerance, free sources that add little to them are small enough.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from cldit.accuracy.errors import Estimate
@@ -16,11 +16,9 @@ from cldit.accuracy.sources.base import ErrorSource
 from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.scene import Scene
 
-# The trace and the wavelengths usually end up below their shares. Cells can only be halved, at
-# eight times the cost, so they may have what others are likely to leave.
+# Of its share, which other sources than cells usually have. Cells get what these leave.
 _LIKELY = 0.6
-# Predicted errors may leave cells next to nothing. At half of its share they are eight times as
-# many; an error that is still too large is stated.
+# Of their share, which cells have at least, whatever the fixed errors are.
 _LEAST_OF_SHARE = 0.5
 # Contribution of the free sources to the square of the fixed ones. By the cost powers of all
 # sources the cost grows as the error to the power -5.5. The sum is then 5 % above the fixed
@@ -68,25 +66,37 @@ def free_sources(scene: Scene) -> tuple[str, ...]:
 class Allocation:
     """Errors that the sources of a scene may have.
 
-    tolerance_K: RMS error of T_app asked for. per_emissivity_K: see `kelvin_per_emissivity`.
-    free_K: error that all free sources may have together; shares_K: each of them. predicted_K:
-    errors that sources will have, whatever their share. fixed: those of them that no resolution
-    makes smaller, True for an upper bound; None before they are known.
+    tolerance_K: RMS error of T_app asked for. shares_K: of each free source. cells_K: of the cells,
+    by what other sources are likely to leave. per_emissivity_K: see `kelvin_per_emissivity`.
+    fixed_K: errors that no resolution makes smaller.
     """
 
     tolerance_K: float
-    free_K: float
     shares_K: Mapping[str, float]
-    predicted_K: Mapping[str, float] = field(default_factory=dict)
-    fixed: Mapping[str, bool] | None = None
+    cells_K: float = 0.0
     per_emissivity_K: float = 1.0
+    fixed_K: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene, tolerance_K: float) -> Allocation:
-        """All of the tolerance to the free sources."""
-        per_emissivity_K = kelvin_per_emissivity(scene)
-        shares_K = _shares(scene, tolerance_K)
-        return cls(tolerance_K, tolerance_K, shares_K, per_emissivity_K=per_emissivity_K)
+    def of(cls, scene: Scene, tolerance_K: float, fixed: Iterable[Estimate] = ()) -> Allocation:
+        """Shares for a tolerance, or for `fixed` errors with little added, if these exceed it.
+
+        With F the fixed errors and R the rest, their sum falls by R^2 / (F^2 + R^2) per cent if R
+        falls by one, while the cost grows by as many per cent whatever F is. Upper bounds do not
+        count as F. The shares are never less than those of the tolerance.
+        """
+        causes = [e.cause for e in fixed if e.cause.error_K is not None]  # emissivity bounds none
+        fixed_K = {cause.name: cause.error_K or 0.0 for cause in causes}
+        fixed_K2 = sum(error_K**2 for error_K in fixed_K.values())
+        large_K2 = sum((cause.error_K or 0.0) ** 2 for cause in causes if not cause.at_most)
+        left_K2 = max(tolerance_K**2 - fixed_K2, IN_VAIN * large_K2)
+        sources = {name: BY_NAME[name] for name in free_sources(scene)}
+        free_K = max(left_K2, tolerance_K**2) ** 0.5
+        shares_K = split(free_K, sources)
+        share_K = shares_K.get("cells", 0.0)
+        likely_K2 = left_K2 * (1.0 - _LIKELY**2 * (1.0 - (share_K / free_K) ** 2))
+        cells_K = max(likely_K2, (_LEAST_OF_SHARE * share_K) ** 2) ** 0.5
+        return cls(tolerance_K, shares_K, cells_K, kelvin_per_emissivity(scene), fixed_K)
 
     @property
     def emissivity(self) -> float:
@@ -94,55 +104,8 @@ class Allocation:
         return self.tolerance_K / self.per_emissivity_K
 
     def __getitem__(self, name: str) -> float:
-        """Share of a source; the error of all free sources where it has none."""
-        return self.shares_K.get(name, self.free_K)
-
-    @property
-    def target_K(self) -> float:
-        """Total error that is worth its cost: the tolerance, or the fixed errors with little added.
-
-        With F the fixed errors and R the rest, their sum falls by R^2 / (F^2 + R^2) per cent if R
-        falls by one, while the cost grows by as many per cent whatever F is. Upper bounds do not
-        count as F.
-        """
-        least_K2 = 0.0
-        for name, at_most in (self.fixed or {}).items():
-            least_K2 += (1.0 if at_most else 1.0 + IN_VAIN) * self.predicted_K.get(name, 0.0) ** 2
-        return float(max(self.tolerance_K, least_K2**0.5))
-
-    def with_known(self, scene: Scene, estimates: Iterable[Estimate]) -> Allocation:
-        """Adds the estimates of sources that are not free.
-
-        Predicted errors of rays and ordinates that the scene sets count as fixed, too.
-        """
-        free = free_sources(scene)
-        errors_K, fixed = {}, {name: False for name in ("pixel sampling", "trace")}
-        for estimate in estimates:
-            if estimate.cause.error_K is not None:  # of T_app: that of emissivity bounds no other
-                errors_K[estimate.cause.name] = estimate.cause.error_K
-                fixed[estimate.cause.name] = estimate.cause.at_most
-        fixed = {name: at_most for name, at_most in fixed.items() if name not in free}
-        return replace(self, predicted_K={**self.predicted_K, **errors_K}, fixed=fixed)
-
-    def allocated(self, scene: Scene) -> Allocation:
-        """Shares of what the known errors leave, never less than before."""
-        left_K2 = self.target_K**2 - sum(error_K**2 for error_K in self.predicted_K.values())
-        free_K = max(left_K2, self.tolerance_K**2) ** 0.5
-        return replace(self, free_K=free_K, shares_K=_shares(scene, free_K))
-
-    @property
-    def cells_K(self) -> float:
-        """Error that the cells may have: what the other sources are likely to leave."""
-        least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
-        others_K = (error_K for name, error_K in self.likely_K.items() if name != "cells")
-        left_K2 = self.target_K**2 - sum(error_K**2 for error_K in others_K)
-        return float(max(left_K2, least_K**2) ** 0.5)
-
-    @property
-    def likely_K(self) -> dict[str, float]:
-        """Errors that sources will have: as predicted, else a part of their share."""
-        likely_K = {name: _LIKELY * share_K for name, share_K in self.shares_K.items()}
-        return likely_K | {**self.predicted_K}
+        """Share of a source; the tolerance where it has none."""
+        return self.shares_K.get(name, self.tolerance_K)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for run.json."""
@@ -150,17 +113,12 @@ class Allocation:
             "wanted_K": self.tolerance_K,
             "wanted_emissivity": self.emissivity,
             "shares_K": dict(self.shares_K),
-            "foretold_K": dict(self.predicted_K),
-            "fixed": None if self.fixed is None else dict(self.fixed),
+            "fixed_K": dict(self.fixed_K),
         }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Allocation:
         """Reads the result of `to_dict`; raises KeyError where it is damaged."""
         wanted_K = data["wanted_K"]
-        stored = data["shares_K"], data["foretold_K"], data["fixed"]
-        return cls(wanted_K, wanted_K, *stored, wanted_K / data.get("wanted_emissivity", wanted_K))
-
-
-def _shares(scene: Scene, free_K: float) -> dict[str, float]:
-    return split(free_K, {name: BY_NAME[name] for name in free_sources(scene)})
+        per_emissivity_K = wanted_K / data.get("wanted_emissivity", wanted_K)
+        return cls(wanted_K, data["shares_K"], per_emissivity_K=per_emissivity_K)

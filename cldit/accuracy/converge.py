@@ -152,13 +152,14 @@ def _last_remarks(scene: Scene, result: Result) -> Iterator[str]:
 def _model_spread(problem: Problem, result: Result) -> tuple[Cause, ...]:
     """Change by a lens, and the spread by the phase function, where anything scatters into a pixel
     with a T_app."""
-    scene, depth = problem.scene, result.resolution.depth
-    if depth is None or not result.estimates or scene.transport.order == 0:
+    scene = problem.scene
+    if result.resolution.depth is None or not result.estimates or scene.transport.order == 0:
         return result.model
     if not result.traces.scatters:
         return result.model
     with problem.stages.stage("phase function") as note:
-        spread = phase_spread(problem.tracer(result.resolution)[1], depth)
+        tracer = problem.tracer(result.resolution)[1]
+        spread = phase_spread(tracer, result.medium.cell_m)
         note.append(spread.text)
     return (*result.model, spread)
 
@@ -190,10 +191,12 @@ def solve(
             settings,
             coarse=[] if tracer is None else tracer.costs,
             allocation=allocation,
-            limits=resolution.limits,
         )
     )
-    results = trace_each(medium.trees, scene, device, settings, report=stages.tell)
+    traced = None
+    if tracer is not None and scene.transport.method == "source":
+        traced = tracer.known(medium.cell_m)
+    results = trace_each(medium.trees, scene, device, settings, report=stages.tell, known=traced)
     traces = summed(results, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)
@@ -216,20 +219,18 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
         return result
     if not result.maps.has_temperature.any():
         return replace(result, unstated=f"no pixel has a T_app ({result.maps.causes})")
-    scene, traces, depth = problem.scene, result.traces, result.resolution.depth
-    assert depth is not None
+    scene, traces, cell_m = problem.scene, result.traces, result.medium.cell_m
     image = ImagePair.of(traces.traces[tracer.prepared.number])
     exact = scene.transport.method == "path"
     if scene.transport.method == "source":
-        tracer.levels[depth] = tracer.picked(traces.traces[tracer.prepared.number])
+        tracer.put(cell_m, traces.traces[tracer.prepared.number])
         exact = not traces.scatters or scene.transport.order == 0 or traces.audit is not None
     at = Measurement(
         scene,
         tracer,
         problem.stages,
-        depth=depth,
-        coarse=max(depth - 1, 0),
-        resolution=result.resolution,
+        cell_m=cell_m,
+        coarse_m=tracer.coarser(cell_m),
         image=image,
         exact=exact,
         trace_errors=result.trace_errors,
@@ -295,7 +296,7 @@ def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | 
             resolution = BY_NAME[by].finer(
                 resolution, share_K=shares_K[name], ratio=ratio, order=by_name[name].order
             )
-    return resolution, replace(result.allocation, shares_K=shares_K, predicted_K=fixed_K)
+    return resolution, replace(result.allocation, shares_K=shares_K, fixed_K=fixed_K)
 
 
 def _reducible(problem: Problem, result: Result) -> set[str]:

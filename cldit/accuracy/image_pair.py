@@ -8,9 +8,6 @@ of two images contains the noise of both. Each image is the mean of two halves, 
 ordinates and paths are independent. The product of the difference of the A and that of the B
 therefore has the square of the true difference as its mean, whatever the noise is. With d the
 difference of the images and e that of half of A - B, the product is (d + e)(d - e).
-
-Images may be of drawn pixels (`cldit.accuracy.drawn_pixels`). A sum over these also has a sampling
-error: where a few pixels hold most of a square, the sum depends on whether they were drawn.
 """
 
 from __future__ import annotations
@@ -21,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from cldit.accuracy.drawn_pixels import DrawnPixels
 from cldit.arrays import Floats, Image, Ints, Mask
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
@@ -77,17 +73,6 @@ class ImagePair:
         )
         return np.asarray((result_a - result_b) / 2.0)
 
-    def error_K(
-        self, temperature: NodeTemperature, drawn: DrawnPixels | None = None
-    ) -> float | None:
-        """RMS of the noise of T_app over the visible pixels, all or drawn; None: there is none."""
-        noise = self.noise_K(temperature)[0]
-        finite = np.isfinite(noise) & self.visible(temperature)
-        if not finite.any():
-            return None
-        weight = None if drawn is None else 1.0 / drawn.chance[finite]
-        return float(np.sqrt(np.average(noise[finite] ** 2, weights=weight)))
-
 
 @dataclass(frozen=True)
 class ImageDifference:
@@ -114,14 +99,11 @@ class ImageDifference:
         temperature: NodeTemperature,
         image_a: ImagePair,
         image_b: ImagePair,
-        drawn: DrawnPixels | None = None,
     ) -> tuple[ImageDifference, ImageDifference]:
-        """Compares T_app and emissivity of two images of the same pixels, all or drawn.
+        """Compares T_app and emissivity of two images of the same pixels.
 
         For noise alone, the square of (A^2 - B^2) / 2, summed over pixels with a common error, has
-        the variance of the sum of A B as its mean. For pixels drawn with chance p, the sum of
-        (1 - p) (A B - mean)^2 / p^2 is the variance by the draw; the contribution of noise to it
-        is already in the first sum, and is subtracted.
+        the variance of the sum of A B as its mean.
         """
         results = (np.stack(temperature.results(image.weights)) for image in (image_a, image_b))
         change = np.subtract(*results)
@@ -131,28 +113,18 @@ class ImageDifference:
         finite[0] &= seen[0] & seen[1]
         number = finite[0], finite[1] & (seen[0] | seen[1])
         warm, emissivity = zip(change, noise, finite, number, strict=True)
-        return cls._of(*warm, drawn), cls._of(*emissivity, drawn)
+        return cls._of(*warm), cls._of(*emissivity)
 
     @classmethod
-    def _of(
-        cls, change: Floats, noise: Floats, finite: Mask, number: Mask, drawn: DrawnPixels | None
-    ) -> ImageDifference:
-        """Takes differences and noise (H, W) of one result in `known` pixels, and their number."""
+    def _of(cls, change: Floats, noise: Floats, finite: Mask, number: Mask) -> ImageDifference:
+        """Takes differences and noise (H, W) of one result in `finite` pixels, and those that are
+        their `number`."""
         map_K = np.where(finite, np.abs(change), np.nan)
-        shape, chance = finite.shape, np.ones(finite.shape)
-        row, column = np.nonzero(finite)
-        if drawn is not None:
-            map_K, shape, chance = drawn.spread(map_K), drawn.shape, drawn.chance
-            row, column = (place[finite[0]] for place in drawn.places)
         if not number.any():
             return cls(None, map_K)
-        d, e, p = change[finite], noise[finite], chance[finite]
-        count = float(np.sum(1.0 / chance[number]))
-        product, doubt = d**2 - e**2, 2.0 * d * e
-        total = float(np.sum(product / p))
-        edge = max(1, round(_NEARBY * max(shape)))
-        blocks = np.bincount(row // edge * shape[1] + column // edge, doubt / p)
-        mean = total / float(np.sum(1.0 / p))
-        missed = (1.0 - p) / p**2 * ((product - mean) ** 2 - doubt**2)
-        variance = float(np.sum(blocks**2)) + max(float(np.sum(missed)), 0.0)
-        return cls(((max(total, 0.0) + variance**0.5) / count) ** 0.5, map_K)
+        row, column = np.nonzero(finite)
+        d, e = change[finite], noise[finite]
+        edge = max(1, round(_NEARBY * max(finite.shape)))
+        blocks = np.bincount(row // edge * finite.shape[1] + column // edge, 2.0 * d * e)
+        square = max(float(np.sum(d**2 - e**2)), 0.0) + float(np.sum(blocks**2)) ** 0.5
+        return cls((square / int(np.count_nonzero(number))) ** 0.5, map_K)

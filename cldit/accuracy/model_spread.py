@@ -81,13 +81,13 @@ def depths_m(spray: Spray) -> Floats:
 
 
 _PHASE = "phase function"
-_COARSER = 2  # halvings fewer than those of the image: the spread is needed to a tenth or so
+_COARSER = 4.0  # cells over those of the image, at most: the spread is needed to a tenth or so
 _LEAST_K = 2.0  # of the second trace, whose noise is separated
 _MOST_CELLS = 1e6  # swept: more take longer than most images
 
 
-def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
-    """Spread by the phase function of an image in a cube that is halved `depth` times."""
+def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
+    """Spread by the phase function of an image on cells of this edge."""
     scene, prepared = tracer.scene, tracer.prepared
     current = scene_phase(scene, prepared.spray, scene.optics.preset)
     prescribed = has_coefficients(prepared.spray)
@@ -98,8 +98,9 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
     else:
         alternative = "mie"
     if not isinstance(scene.spray, GridSpray):
-        depth = max(depth - _COARSER, 0)
-    cells = counted(prepared.cube.at(depth), prepared.sources, tracer.device).swept
+        larger = (m for m in tracer.levels if m <= _COARSER * cell_m)
+        cell_m = max(larger, default=_COARSER * cell_m)
+    cells = counted(tracer.frame(cell_m), prepared.sources, tracer.device).swept
     if cells > _MOST_CELLS:
         reason = "not known: a second trace is long; compare a run with transport.phase: "
         return Cause(_PHASE, None, reason + alternative)
@@ -117,11 +118,10 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
             prepared=medium,
             levels={},
             variants={},
-            earlier={},
+            traces={},
         )
-        differences = tracer.difference(tracer.level(depth), varied.level(depth))
+        differences = tracer.difference(tracer.level(cell_m), varied.level(cell_m))
     except (MediumError, PhaseError, SprayError, TransportError) as error:
         return Cause(_PHASE, None, f"not known: {error}")
-    cell_mm = 1e3 * prepared.cube.at(depth).cell_m
-    method = f"RMS of {current.name} against {alternative}, on cells of {cell_mm:.3g} mm"
+    method = f"RMS of {current.name} against {alternative}, on cells of {1e3 * cell_m:.3g} mm"
     return Estimate.of(_PHASE, differences, method, "").stated(tracer.temperature.per_emissivity_K)

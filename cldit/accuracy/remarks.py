@@ -1,4 +1,4 @@
-"""Remarks of a run: its expected cost, refinements, unknown errors, and what is too large."""
+"""Remarks of a run: its expected cost, refinements, and an error that is too large."""
 
 from __future__ import annotations
 
@@ -48,7 +48,6 @@ def too_large(
     errors: Errors,
     tolerance_K: float,
     limits: Mapping[str, str],
-    label: str = "stated error",
     *,
     emissivity: float | None = None,
 ) -> tuple[str, ...]:
@@ -71,19 +70,9 @@ def too_large(
         stated, part = f"of emissivity {errors.emissivity_text}", largest.emissivity_text
         asked = f"transport.accuracy_emissivity: {emissivity:.2g}"
     return (
-        f"{label} {stated} RMS, more than {asked} asks for: {largest.name} "
+        f"stated error {stated} RMS, more than {asked} asks for: {largest.name} "
         f"contribute{'' if largest.name.endswith('s') else 's'} {part}{held}; {advice}",
     )
-
-
-def _promised(scene: Scene, allocation: Allocation, limits: Mapping[str, str]) -> tuple[str, ...]:
-    """Remark, before the image is traced, that its error will exceed the tolerance."""
-    likely_K, free_K, tolerance_K = allocation.likely_K, allocation.free_K, allocation.tolerance_K
-    keys = {name: _SOURCE_OF[name].key(scene) for name in likely_K}
-    errors = Errors.of(Cause(name, likely_K[name], "", key) for name, key in keys.items())
-    relaxed = f"; the others were set to {free_K:.2g} K" if free_K > tolerance_K else ""
-    remarks = too_large(errors, tolerance_K, limits, "expected error")
-    return tuple(remark + relaxed for remark in remarks)
 
 
 _LONG_s, _MUCH = 60.0, 0.5  # core seconds, and share of the free memory, that are announced
@@ -99,14 +88,11 @@ def expected(
     *,
     coarse: Sequence[TraceCost],
     allocation: Allocation,
-    limits: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """Remarks on an image that takes a minute, half of the memory, or whose error will exceed that
-    asked for: its cost by source, and the error.
+    """Remark on an image that takes a minute or half of the memory: its cost by source.
 
     `coarse` are the costs of the traces before it; without any, the time is unknown.
     """
-    promise = _promised(scene, allocation, limits)
     counts, count = counted(frame, sources, device), len(settings)
     phase = any(setting.phase is not None for setting in settings)
     stored = counts.memory_cells * cell_bytes(wavelengths=count, phase=phase)
@@ -115,7 +101,7 @@ def expected(
     measured = max(coarse, key=lambda cost: cost.cells, default=None)
     size = counts.swept, ordinates, columns * rows, count
     spent_s = 0.0 if measured is None else measured.scaled_s(*size)
-    if not promise and spent_s <= _LONG_s and stored <= _MUCH * memory_bytes(device):
+    if spent_s <= _LONG_s and stored <= _MUCH * memory_bytes(device):
         return ()
     per_node = round(ordinates / count)
     needs = {
@@ -131,5 +117,4 @@ def expected(
     return (
         f"expected for the image: {took}{stored / 1e9:.2g} GB, by {product}; most of it by "
         f"{largest}, {reason}",
-        *promise,
     )

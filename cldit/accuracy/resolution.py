@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from cldit.medium.frame import Frame
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 
@@ -73,6 +74,14 @@ class Resolution:
             return None
         update = {"size_classes": self.size_classes, "spacing_m": self.spacing_m}
         return spec.model_copy(update=update)
+
+    def in_cells(self, frame: Frame) -> Resolution:
+        """The cells of a cube, and the lattice that goes with it."""
+        return (
+            replace(self, depth=frame.depth)
+            if self.cube_m is None
+            else self.on_lattice(frame.cell_m)
+        )
 
     def at_depth(self, depth: int) -> Resolution:
         """The cube halved `depth` times, and the lattice that goes with it."""

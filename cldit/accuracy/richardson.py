@@ -4,8 +4,8 @@ If the error is C h^p, the difference d(h) between the images at 2 h and h falls
 halved. So the order is p = log2(d(2 h) / d(h)), and the error at h is d(h) / (2^p - 1) (Roache, J.
 Fluids Eng. 116, 405, 1994); other ratios of size likewise. Orders are limited to the range from 1,
 that of constant cells, to 2, that of linear ones. If the difference falls faster than second
-order, no order is inferred, and first order is assumed: the coarsest grid may be outside the
-asymptotic range, and is beyond an order of 2.5, which chance in the differences rarely makes.
+order, the middle of both limits is assumed. Beyond an order of 2.5, which chance in the differences
+rarely makes, the coarsest grid is outside the asymptotic range, and first order is assumed.
 """
 
 from __future__ import annotations
@@ -64,7 +64,10 @@ class RichardsonEstimate:
                 return float((twice**p - once**p) / (once**p - 1.0)) - ratio
 
             low, high = _ORDERS
+            if above(high) < 0.0:
+                order = (low + high) / 2
             if above(_OUTSIDE) < 0.0:
+                order = low
                 steps = (fine_step.error_K, once - 1.0), (coarse_step.error_K, twice - once)
                 bound_K = max(error_K / size for error_K, size in steps)
             elif -1e-6 * ratio <= above(high) <= 0.0:
@@ -91,18 +94,14 @@ class RichardsonEstimate:
         return max(self.error_K, self.bound_K or 0.0)
 
 
-def worst(estimates: Sequence[RichardsonEstimate]) -> RichardsonEstimate:
-    """The result with the larger error."""
-    return max(estimates, key=lambda estimate: estimate.error_K)
-
-
 def extrapolated(
     name: str, method: str, fixed: str, estimates: Sequence[RichardsonEstimate], **options: Any
 ) -> Estimate:
     """Error of a source, of the order of the result with the larger one."""
     method += f", extrapolated by order {estimates[0].order:.2g}"
     differences = [estimate.difference for estimate in estimates]
-    return Estimate.of(name, differences, method, fixed, order=worst(estimates).order, **options)
+    order = max(estimates, key=lambda estimate: estimate.error_K).order
+    return Estimate.of(name, differences, method, fixed, order=order, **options)
 
 
 def richardson(
@@ -114,14 +113,13 @@ def richardson(
     return [RichardsonEstimate.of(*pair, once=once, twice=twice) for pair in steps]
 
 
-def error_at(tracer: VariantTracer, depth: int) -> list[RichardsonEstimate] | None:
-    """Errors of both results by the cells of a cube that is halved `depth` times; None: they cannot
-    be estimated."""
-    if depth < 2:
+def error_at(tracer: VariantTracer, cell_m: float) -> list[RichardsonEstimate] | None:
+    """Errors of both results by cells of this edge; None: they cannot be estimated."""
+    if 4 * cell_m > tracer.prepared.cube.edge_m * (1 + 1e-9):
         return None
-    tracer.level(depth)
+    tracer.level(cell_m)
     try:
-        sizes, images = zip(*tracer.grids(depth), strict=True)
+        sizes, images = zip(*tracer.grids(cell_m), strict=True)
     except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
         return None
     finest, once, twice = sizes
@@ -129,11 +127,3 @@ def error_at(tracer: VariantTracer, depth: int) -> list[RichardsonEstimate] | No
     if estimates[0].difference.error_K is None:
         return None
     return [replace(estimate.at(1.0 / finest), sizes=sizes) for estimate in estimates]
-
-
-def predicted_error(tracer: VariantTracer, depth: int) -> tuple[float | None, bool]:
-    """Error of T_app by cells, as larger ones predict it, None if unknown; True: an upper bound."""
-    estimates = error_at(tracer, depth - 1)
-    if estimates is None:
-        return None, False
-    return estimates[0].error_K / 2 ** estimates[0].order, estimates[0].bound_K is not None

@@ -1,27 +1,30 @@
 """Traces of variants of a medium at one wavelength, and the difference of their results.
 
 All variants are traced with the same ordinates, whose errors partly cancel in a difference; the
-rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image some pixels
-are drawn (`cldit.accuracy.drawn_pixels`), the same for all traces of a run.
+rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image every n-th
+pixel of every n-th row is traced.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
-from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
+import numpy as np
+from numpy.typing import NDArray
+
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.arrays import Ints
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octree
 from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
-from cldit.prepare.preview import previewed
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
@@ -30,31 +33,34 @@ from cldit.transport.trace import Trace, TraceSettings, trace
 from cldit.transport.trace_cost import TraceCost
 from cldit.transport.view import View
 
-_LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
-# That of a finer one: with a ratio r the error by first order is r / (r - 1) times the difference,
-# so that a finer one at 2 has the factor of a coarser one at 1.5.
-_LEAST_FINER = 2.0
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+# Ratio of cell sizes between images that an error is extrapolated from: below, its first order is
+# more than three times a difference, and above, the coarser image misses what the finer one has.
+_LEAST, _MOST = 1.5 - 1e-6, 3.0
+# Pixels of an image of which all are traced, 300 x 300: if the medium fills a tenth of the image,
+# and most of a difference is in a hundredth of that, then 90 pixels know its RMS to a tenth.
+_MOST_PIXELS = 90_000
 
 
 @dataclass(frozen=True)
 class VariantTracer:
-    """Traces variants of a prepared medium.
+    """Traces variants of a prepared medium; `cell_m` is the edge of the finest cells.
 
-    drawn: the pixels that are traced; None: all. temperature: T_app of these pixels. levels: images
-    of the medium itself by number of halvings. earlier: images of the same spray on other lattices
-    and their cells, by the cells' edge in m. variants: other images by name and halvings. key: all
-    that the images depend on, except the lattice. costs: of the coarse traces.
+    stride: step between traced pixels, in both directions. temperature: T_app of these pixels.
+    levels: images of the medium itself by `cell_m`, of a cone on that lattice. traces: likewise,
+    where all pixels were traced. variants: other images by name and `cell_m`. key: all that the
+    images depend on, except the lattice. costs: of the coarse traces.
     """
 
     scene: Scene
     device: Device
     settings: TraceSettings
     prepared: Prepared
-    drawn: DrawnPixels | None
+    stride: int
     temperature: NodeTemperature
-    levels: dict[int, ImagePair] = field(default_factory=dict)
-    earlier: Mapping[float, ImagePair] = field(default_factory=dict)
-    variants: dict[tuple[str, int], ImagePair] = field(default_factory=dict)
+    levels: dict[float, ImagePair] = field(default_factory=dict)
+    traces: dict[float, Trace] = field(default_factory=dict)
+    variants: dict[tuple[str, float], ImagePair] = field(default_factory=dict)
     key: Any = None
     costs: list[TraceCost] = field(default_factory=list)
 
@@ -70,162 +76,193 @@ class VariantTracer:
     ) -> VariantTracer:
         """A tracer for a medium with the `settings` of its wavelength `prepared.node`.
 
-        Pixels drawn by `previous` and its costs are kept, and its images if its `key` is the same.
+        Costs of `previous` are kept, and its images if its `key` is the same.
         """
         own_settings = replace(settings, method="source", audit=False, subpixels=False)
         temperature = temperature_of(scene, prepared, visible=own_settings.visible)
-        drawn = None
-        if not all_are_traced(scene.camera.pixels):
-            drawn = None if previous is None else previous.drawn
-            if drawn is None:
-                _, emissivity = previewed(scene, device, prepared)
-                background = temperature.sees_background
-                drawn = DrawnPixels.of(background, emissivity, seed=own_settings.seed)
-            temperature = temperature.picked(drawn.sample.pixels)
+        stride = math.ceil((math.prod(scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
+        if stride > 1:
             own_settings = replace(own_settings, rays_K=None)  # which depend on the whole image
+        serves = previous is not None and previous._serves(key, prepared)
+        alike = serves and previous is not None and previous.settings.rays_K == own_settings.rays_K
         return cls(
             scene=scene,
             device=device,
-            settings=replace(own_settings, subpixels=drawn is None and own_settings.rays_K is None),
+            settings=replace(own_settings, subpixels=stride == 1 and own_settings.rays_K is None),
             prepared=prepared,
-            drawn=drawn,
-            temperature=temperature,
-            earlier={} if previous is None else previous._reusable(key, prepared),
+            stride=stride,
+            temperature=replace(
+                temperature, sees_background=_picked(temperature.sees_background, stride)
+            ),
+            levels=previous.levels if previous is not None and serves else {},
+            traces=previous.traces if previous is not None and alike else {},
             key=key,
             costs=[] if previous is None else previous.costs,
         )
 
-    def _reusable(self, key: Any, prepared: Prepared) -> dict[float, ImagePair]:
-        """Images by the cells' edge in m, if only the cone's lattice differs. Wavelengths are
+    def _serves(self, key: Any, prepared: Prepared) -> bool:
+        """True if images serve another medium: only the cone's lattice differs. Wavelengths are
         chosen for each spray, so the wavelength must be the same."""
         present = self.prepared
-        if not present.on_lattice or self.key != key or present.node != prepared.node:
-            return {}
-        return {**self.earlier, **self._by_edge_m()}
+        return present.on_lattice and self.key == key and present.node == prepared.node
 
-    def _by_edge_m(self) -> dict[float, ImagePair]:
-        """Images of the medium itself by the cells' edge in m."""
-        return {self.prepared.cube.at(n).cell_m: image for n, image in self.levels.items()}
+    @property
+    def step(self) -> float:
+        """Ratio of cells between coarse traces: the least for a cone, which takes any lattice."""
+        return 1.5 if self.prepared.on_lattice else 2.0
 
-    def grids(self, depth: int) -> list[tuple[float, ImagePair]]:
-        """Images on three grids, the finest first, with the sizes of their cells over those at
-        `depth`, which are among them.
+    def coarser(self, cell_m: float) -> float:
+        """The traced cells, or twice as large ones, for errors that do not depend on the cells."""
+        traced = (m for m in self.levels if _LEAST <= m / cell_m <= _MOST)
+        return min(traced, default=2.0 * cell_m)
+
+    def grids(self, cell_m: float) -> list[tuple[float, ImagePair]]:
+        """Images on three grids, the finest first, with the sizes of their cells over `cell_m`,
+        which are among them.
 
         A finer image that is there is used, with a coarser one; else the other two are about twice
         and four times as coarse. Raises MediumError without enough memory, SprayError if no cone
         has such a lattice.
         """
-        image, cell_m = self.level(depth), self.prepared.cube.at(depth).cell_m
-        by_edge_m = {**self.earlier, **self._by_edge_m()}
-        images = {edge_m / cell_m: pair for edge_m, pair in by_edge_m.items()}
-        half = [size for size in images if 1 / _MOST <= size <= (1 + 1e-9) / _LEAST_FINER]
+        image = self.level(cell_m)
+        images = {edge_m / cell_m: pair for edge_m, pair in self.levels.items()}
+        finer = [size for size in images if _LEAST <= 1 / size <= _MOST]
         sizes: list[float] = []
         for _ in range(2):
             alike = [size for size in images if _LEAST <= size / (sizes or [1.0])[-1] <= _MOST]
             sizes += [min(alike)] if alike else []
-        if half and sizes:
-            return [(max(half), images[max(half)]), (1.0, image), (sizes[0], images[sizes[0]])]
+        if finer and sizes:
+            return [(max(finer), images[max(finer)]), (1.0, image), (sizes[0], images[sizes[0]])]
         if len(sizes) == 2:
             return [(1.0, image), *((size, images[size]) for size in sizes)]
-        four, twice = ((2.0**up, self.level(depth - up)) for up in (2, 1))
+        four, twice = ((up, self.level(up * cell_m)) for up in (4.0, 2.0))
         return [(1.0, image), twice, four]
 
-    def level(self, depth: int) -> ImagePair:
-        """Image of the medium itself, its cube halved `depth` times; raises as `grids`."""
-        if depth not in self.levels:
-            self.levels[depth] = self._traced(self._sources(depth), depth, self.settings)
-        return self.levels[depth]
+    def level(self, cell_m: float) -> ImagePair:
+        """Image of the medium itself; raises as `grids`."""
+        cell_m = _rounded(cell_m)
+        if cell_m not in self.levels:
+            self.levels[cell_m] = self._traced(
+                self._sources(cell_m), cell_m, self.settings, keep=True
+            )
+        return self.levels[cell_m]
 
-    def _sources(self, depth: int) -> Sources:
+    def frame(self, cell_m: float) -> Frame:
+        """The cube in cells of this edge: of a lattice at least the domain, else its halvings."""
+        if self.prepared.on_lattice:
+            domain = self.scene.domain
+            depth = max(math.ceil(math.log2(domain.edge_m / cell_m) - 1e-9), 0)
+            edge_m = math.ldexp(cell_m, depth)
+            return Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=1.001 * cell_m)
+        cube = self.prepared.cube
+        return cube.at(round(math.log2(cube.edge_m / cell_m)))
+
+    def _sources(self, cell_m: float) -> Sources:
         """Sources of the medium itself, a cone's on the lattice of the cells."""
         if not self.prepared.on_lattice:
             return self.prepared.sources
-        cone = self.cone_at(depth)
-        self._refuse_large(cone)
+        cone, points = self.cone_at(cell_m), self.prepared.sources[0]
+        if points is not None and self.prepared.cone is not None:
+            spacing_m, parcels = self.prepared.cone.lattice_m, len(points.position_m)
+            finest_m = finest_lattice_m(spacing_m, parcels=parcels, wavelengths=1)
+            if cone.lattice_m < finest_m:
+                raise MediumError(
+                    f"spray.spacing_m: {cone.lattice_m:.3g}; the finest lattice whose parcels fit "
+                    f"the memory is {finest_m:.3g}"
+                )
         return self.prepared.resprayed(cone)
 
-    def _refuse_large(self, finer: ConeSpray) -> None:
-        points, cone = self.prepared.sources[0], self.prepared.cone
-        if points is None or cone is None:
-            return
-        finest_m = finest_lattice_m(cone.lattice_m, parcels=len(points.position_m), wavelengths=1)
-        if finer.lattice_m < finest_m:
-            raise MediumError(
-                f"spray.spacing_m: {finer.lattice_m:.3g}; the finest lattice whose parcels fit "
-                f"the memory is {finest_m:.3g}"
-            )
-
-    def cone_at(self, depth: int) -> ConeSpray:
+    def cone_at(self, cell_m: float) -> ConeSpray:
         """The cone on the lattice of the cells."""
         assert self.prepared.cone is not None
-        spacing_m = self.prepared.cube.at(depth).cell_m
-        return self.prepared.cone.model_copy(update={"spacing_m": spacing_m})
+        return self.prepared.cone.model_copy(update={"spacing_m": cell_m})
 
-    def variant(self, name: str, make: Callable[[], Sources], depth: int) -> ImagePair:
-        """Image of other sources in the same cube, made and traced once for a name and depth."""
-        if (name, depth) not in self.variants:
-            self.variants[name, depth] = self._alike(make(), depth, {})
-        return self.variants[name, depth]
-
-    def changed(
-        self, name: str, depth: int, settings: Mapping[str, Any], split: float | None = None
+    def variant(
+        self,
+        name: str,
+        make: Callable[[], Sources] | None,
+        cell_m: float,
+        settings: Mapping[str, Any] | None = None,
+        split: float | None = None,
     ) -> ImagePair:
-        """Image of the medium itself with other `settings`, traced once for a name and depth.
+        """Image of other sources, None: the medium itself, or with other `settings`, by the same
+        rays; traced once.
 
         `split` takes the place of `domain.optical_depth_split`. Raises as `grids`.
         """
-        if (name, depth) not in self.variants:
-            self.variants[name, depth] = self._alike(self._sources(depth), depth, settings, split)
-        return self.variants[name, depth]
-
-    def _alike(
-        self, sources: Sources, depth: int, settings: Mapping[str, Any], split: float | None = None
-    ) -> ImagePair:
-        """Image by the same rays as that of the medium itself."""
-        varied = replace(self.settings, subpixels=False, rays_K=None, **settings)
-        like = self.levels.get(depth)
-        return self._traced(sources, depth, varied, split, None if like is None else like.rays)
+        if (name, cell_m) not in self.variants:
+            sources = self._sources(cell_m) if make is None else make()
+            varied = replace(self.settings, subpixels=False, rays_K=None, **(settings or {}))
+            like = self.levels.get(_rounded(cell_m))
+            rays = None if like is None else like.rays
+            self.variants[name, cell_m] = self._traced(sources, cell_m, varied, split, rays)
+        return self.variants[name, cell_m]
 
     def _traced(
         self,
         sources: Sources,
-        depth: int,
+        cell_m: float,
         settings: TraceSettings,
         split: float | None = None,
         rays: Ints | None = None,
+        keep: bool = False,
     ) -> ImagePair:
-        frame = self.prepared.cube.at(depth)
+        frame = self.frame(cell_m)
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         (tree,) = self.prepared.octrees(frame, [sources], split)
-        pixels = None if self.drawn is None else self.drawn.sample.pixels
+        columns, rows = self.scene.camera.pixels
+        numbers = _picked(np.arange(rows * columns).reshape(rows, columns), self.stride)
+        pixels = None if self.stride == 1 else numbers.reshape(-1)
         result, cost = TraceCost.measured(
             self.device,
             counted(frame, sources, self.device).swept,
             settings,
             lambda: trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays),
-            chance=None if self.drawn is None else self.drawn.chance,
         )
         self.costs.append(cost)
-        return ImagePair.of(result)
+        image = ImagePair.of(result)
+        if keep and pixels is None:
+            self.traces[cell_m] = result
+        return image if pixels is None else image.map(lambda row: row.reshape(numbers.shape))
+
+    def known(self, cell_m: float) -> Trace | None:
+        """The trace of all pixels of the medium itself, if there is one, without audit."""
+        return self.traces.get(_rounded(cell_m))
+
+    def put(self, cell_m: float, result: Trace) -> None:
+        """Keeps the image of the whole run."""
+        self.levels[_rounded(cell_m)] = self.picked(result)
 
     def picked(self, result: Trace) -> ImagePair:
-        """The drawn pixels of an image of the whole run, by the rays of this tracer's images."""
-        if self.drawn is None:
+        """The traced pixels of an image of the whole run, by the rays of this tracer's images."""
+        if self.stride == 1:
             return ImagePair.of(result)
         chosen = self.scene.camera.rays_across is None
         image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
-        return image.map(self.drawn.pick)
+        return image.map(lambda image: _picked(image, self.stride))
 
     def difference(
         self, image_a: ImagePair, image_b: ImagePair
     ) -> tuple[ImageDifference, ImageDifference]:
-        """Differences of the results of two images of the drawn pixels; maps of the whole image."""
-        return ImageDifference.between(self.temperature, image_a, image_b, self.drawn)
+        """Differences of the results of two images; maps (H, W) are NaN between traced pixels."""
+        warm, emissivity = ImageDifference.between(self.temperature, image_a, image_b)
+        return self._spread(warm), self._spread(emissivity)
 
-    def noise_K(self, image: ImagePair) -> float | None:
-        """RMS error of an image of the drawn pixels by its halves; None: no pixel has one."""
-        return image.error_K(self.temperature, self.drawn)
+    def _spread(self, difference: ImageDifference) -> ImageDifference:
+        columns, rows = self.scene.camera.pixels
+        map_K = np.full((rows, columns), np.nan)
+        _picked(map_K, self.stride)[:] = difference.map_K
+        return replace(difference, map_K=map_K)
+
+
+def _rounded(cell_m: float) -> float:
+    return float(f"{cell_m:.9g}")  # the same cells by halving and by lattice
+
+
+def _picked(image: NDArray[_Scalar], stride: int) -> NDArray[_Scalar]:
+    """Every n-th pixel of an image (H, W), as a view."""
+    return image[stride // 2 :: stride, stride // 2 :: stride]
 
 
 def temperature_of(

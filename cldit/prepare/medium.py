@@ -231,7 +231,8 @@ class Prepared:
         integrals = tuple(
             {f"{name}_m2": tree.integral(name) for name in _INTEGRATED} for tree in trees
         )
-        return Medium(trees, paper, bare, dict(self.spray.notes), self.made.files, integrals)
+        notes, files = dict(self.spray.notes), self.made.files
+        return Medium(trees, paper, bare, notes, files, integrals, frame.cell_m)
 
 
 @dataclass(frozen=True)
@@ -239,7 +240,8 @@ class Medium:
     """A tree for each wavelength, and one with the paper's properties where that is wanted.
 
     properties: without `sources` and `paper`, which are in the trees. files: that the spray was
-    read from. integrals: of absorption and scattering over each tree's cube, m2.
+    read from. integrals: of absorption and scattering over each tree's cube, m2. cell_m: edge of
+    the finest cells.
     """
 
     trees: list[Octree]
@@ -248,6 +250,7 @@ class Medium:
     notes: dict[str, float]
     files: tuple[FileRead, ...] = ()
     integrals: tuple[dict[str, float], ...] = ()
+    cell_m: float = 0.0
 
 
 def prepare(

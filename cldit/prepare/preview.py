@@ -1,9 +1,10 @@
-"""Preview of an image on coarse cells: which pixels have a T_app, at every wavelength.
+"""Preview of an image on the coarsest cells: which pixels have a T_app, at every wavelength.
 
 A pixel has a T_app by its emissivity in the whole filter. Errors are estimated at the wavelength
 at which the medium hides most light, where few of these pixels may reach that emissivity. So at
 each wavelength the pixels count whose emissivity exceeds a value of its own: as many have it in the
-preview as have a T_app.
+preview as have a T_app. Both counts are of the same preview, whose cells smear the medium alike at
+all wavelengths.
 """
 
 from __future__ import annotations
@@ -22,16 +23,13 @@ from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.transport.trace import settings_for, trace
 
-_PIXELS, _CELLS = 256, 256  # along an edge
+ACROSS = 32  # cells across the image, of the coarsest trace
+_PIXELS = 8 * ACROSS  # along an edge
 
 
-def previewed(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, Floats]:
-    """Emissivity (K, h, w) of the medium in few pixels at each wavelength, and in the filter
-    (h, w); made once for a prepared medium."""
-    emissivities: tuple[Floats, Floats] = prepared.variant(
-        "preview", lambda: _preview(scene, device, prepared)
-    )
-    return emissivities
+def coarsest_depth(scene: Scene, edge_m: float) -> int:
+    """Number of times that a cube of this edge is halved for the coarsest trace."""
+    return max(3, math.ceil(math.log2(ACROSS * edge_m / max(scene.camera.field_m))))
 
 
 def visible_emissivities(scene: Scene, device: Device, prepared: Prepared) -> tuple[float, ...]:
@@ -39,7 +37,7 @@ def visible_emissivities(scene: Scene, device: Device, prepared: Prepared) -> tu
     count = len(prepared.properties.sources)
     if count == 1 or prepared.is_empty:
         return (VISIBLE_EMISSIVITY,) * count
-    by_node, filtered = previewed(scene, device, prepared)
+    by_node, filtered = prepared.variant("preview", lambda: previewed(scene, device, prepared))
     return tuple(as_many(node, filtered, VISIBLE_EMISSIVITY) for node in by_node)
 
 
@@ -58,10 +56,11 @@ def as_many(
     return float(np.interp(threshold, reference_rising, rising))
 
 
-def _preview(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, Floats]:
+def previewed(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, Floats]:
+    """Emissivity (K, h, w) of the medium in few pixels at each wavelength, and in the filter
+    (h, w), without light that is scattered."""
     cube, camera, chosen = prepared.cube, scene.camera, prepared.properties.chosen
-    finest_m = max(camera.field_m) / _CELLS
-    coarse = min(cube.depth, max(3, math.ceil(math.log2(cube.edge_m / finest_m))))
+    coarse = min(cube.depth, coarsest_depth(scene, cube.edge_m))
     columns, rows = (min(count, _PIXELS) for count in camera.pixels)
     coarse_camera = camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
     seen = scene.model_copy(update={"camera": coarse_camera})

@@ -79,10 +79,12 @@ def trace_each(
     settings: Sequence[TraceSettings],
     *,
     report: Callable[[str], None] | None,
+    known: Trace | None = None,
 ) -> list[Trace]:
     """Traces the tree of each wavelength with its settings; raises as `trace`.
 
-    The list of trees is emptied during the traces, to keep few of them in memory.
+    The list of trees is emptied during the traces, to keep few of them in memory. `known` as in
+    `trace`, at the wavelength that chooses rays.
     """
     total = len(trees)
     traces: list[Trace] = []
@@ -109,6 +111,7 @@ def trace_each(
             report=report,
             audit_sample=sample,
             rays=traces[0].rays if traces else None,
+            known=None if traces else known,
         )
         traces.append(traced)
     traces.insert(leading, traces.pop(0))
@@ -125,6 +128,7 @@ def trace(
     audit_sample: PixelSample | None = None,
     pixels: Ints | None = None,
     rays: Ints | None = None,
+    known: Trace | None = None,
 ) -> Trace:
     """Weights of every pixel.
 
@@ -137,6 +141,7 @@ def trace(
         pixels: (N,) flat numbers of the pixels to trace, by `source` without audit, `subpixels` and
             chosen rays; images then have one row. None: all.
         rays: (H, W) rays across each pixel; None: the scene's number, or chosen by `rays_K`.
+        known: result of this trace without its audit, which is added; None: there is none.
     """
     if settings.precision == "float64" and not device.info.float64:
         raise TransportError(
@@ -154,6 +159,11 @@ def trace(
             "middle of the lens; allowed: method source, or no lens"
         )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
+    if known is not None:
+        single = replace(
+            settings, precision="float64" if known.precision == "float64" else "float32"
+        )
+        return audited(TraceInput.of(tree, scene, device, single), known, audit_sample)
     trace_input = TraceInput.of(tree, scene, device, single)
     if trace_input.cells.needs.scattering and settings.method != "source":
         return (trace_path if settings.method == "path" else trace_branching)(trace_input, report)

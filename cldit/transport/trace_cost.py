@@ -10,24 +10,17 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.transport.result import Trace, TraceSettings
 
 
 @dataclass(frozen=True)
 class TraceCost:
-    """Measured cost of a trace: swept cells, ordinates, pixels, core seconds of sweeps and rays.
-
-    Of drawn pixels, most of which see the medium, `pixels` are those of a whole image that takes as
-    long.
-    """
+    """Measured cost of a trace: swept cells, ordinates, pixels, core seconds of sweeps and rays."""
 
     cells: int
     ordinates: int
-    pixels: float
+    pixels: int
     sweeps_s: float
     rays_s: float
 
@@ -38,13 +31,8 @@ class TraceCost:
         cells: int,
         settings: TraceSettings,
         work: Callable[[], Trace],
-        *,
-        chance: Floats | None = None,
     ) -> tuple[Trace, TraceCost]:
-        """Traces and measures: core seconds of this process, on a GPU those of the clock.
-
-        `chance` are the inclusion probabilities (1, N) of drawn pixels; None: all are traced.
-        """
+        """Traces and measures: core seconds of this process, on a GPU those of the clock."""
         clock = time.process_time if device.is_cpu else time.perf_counter
         start = clock()
         trace = work()
@@ -53,12 +41,7 @@ class TraceCost:
         spent_s /= max(total, 1e-9)  # core seconds for a second; compilation is paid once
         swept = trace.seconds.get("scattering", 0.0)
         seen = trace.seconds.get("image", 0.0) + trace.seconds.get("gather", 0.0)
-        background = trace.weights.background
-        pixels, sees = float(background.size), background < 1
-        if chance is not None and sees.any():
-            # Horvitz and Thompson: the share of the whole image's pixels that see the medium.
-            share = np.sum(1.0 / chance[sees]) / np.sum(1.0 / chance)
-            pixels = float(np.count_nonzero(sees) / share)
+        pixels = trace.weights.background.size
         ordinates = settings.final_directions
         return trace, cls(cells, ordinates, pixels, swept * spent_s, seen * spent_s)
 

@@ -16,7 +16,6 @@ MEASUREMENTS = (
     "device_cost",
     "device_reference",
     "devices",
-    "drawn_pixels",
     "droplets",
     "error",
     "evaluation",

@@ -28,19 +28,18 @@ MOST_SWEPT = 4e6
 class Measurement:
     """Data from which errors are estimated, before or after the image is traced.
 
-    depth: number of halvings of the cells that errors are estimated for; coarse: of those on which
-    errors are estimated that do not depend on the cells. resolution: of the image. image: of the
-    run at the tracer's wavelength; None before it is traced. exact: True if it has no error that
-    `path` would not see. trace_errors: its own; empty if nothing scatters. predicted: earlier
-    estimates. estimates: by source, each made once.
+    cell_m: edge of the cells that errors are estimated for; coarse_m: of those on which errors are
+    estimated that do not depend on the cells. image: of the run at the tracer's wavelength; None
+    before it is traced. exact: True if it has no error that `path` would not see. trace_errors: its
+    own; empty if nothing scatters. predicted: earlier estimates. estimates: by source, each made
+    once.
     """
 
     scene: Scene
     tracer: VariantTracer
     stages: Stages
-    depth: int
-    coarse: int
-    resolution: Resolution | None = None
+    cell_m: float
+    coarse_m: float
     image: ImagePair | None = None
     exact: bool = False
     trace_errors: Sequence[TraceError] = ()
@@ -73,7 +72,9 @@ class Measurement:
         assert cone is not None
         wider = cone.model_copy(update={"spacing_m": up * cone.lattice_m})
         name = f"{up} times the lattice"
-        return wider, self.tracer.variant(name, lambda: self.prepared.resprayed(wider), self.coarse)
+        return wider, self.tracer.variant(
+            name, lambda: self.prepared.resprayed(wider), self.coarse_m
+        )
 
 
 def remedies(advice: str, key: str = "", **further: str) -> Mapping[str, str]:
@@ -125,10 +126,6 @@ class ErrorSource(ABC):
     def predict(self, at: Measurement) -> Sequence[Estimate]:
         """Errors by this source on coarse cells, before the image is traced."""
         return ()
-
-    def of_image(self, at: Measurement, image: ImagePair) -> float | None:
-        """Error that a coarse image shows by itself; None: unknown, or not shown."""
-        return None
 
     @abstractmethod
     def estimate(self, at: Measurement) -> Sequence[Estimate]:

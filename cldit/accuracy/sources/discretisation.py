@@ -11,15 +11,13 @@ import math
 from dataclasses import replace
 
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
-from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, cells_are_free
-from cldit.accuracy.richardson import SAFE, error_at, extrapolated, predicted_error
+from cldit.accuracy.richardson import SAFE, error_at, extrapolated
 from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.trace_error import TraceError
 from cldit.medium.resolution import counted, in_whole_cells
 from cldit.optics.tolerance import kelvin_per_emissivity
-from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
 
@@ -86,27 +84,21 @@ class _Cells(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         return cells_are_free(scene) and not isinstance(scene.spray, GridSpray)
 
-    def predict(self, at: Measurement) -> list[Estimate]:
-        """The error of cells that the scene fixes, by larger ones."""
-        if isinstance(at.scene.spray, GridSpray):
-            return []
-        error_K, at_most = predicted_error(at.tracer, at.prepared.cube.depth)
-        return [Estimate(Cause(self.name, error_K, "by larger ones", at_most=at_most))]
-
     def estimate(self, at: Measurement) -> list[Estimate]:
         assert at.image is not None
         # In exact cells only the light has an error, which a trace by `path` sees as a whole.
-        if at.exact and _exact(at.prepared, at.depth, at.scene):
+        if at.exact and _exact(at):
             return []
         fixed = self.key(at.scene)
         if isinstance(at.scene.spray, GridSpray):
             return [self._by_finer(at, fixed)]
         at.stages.tell("errors: other cells")
-        estimates = error_at(at.tracer, at.depth)
+        estimates = error_at(at.tracer, at.cell_m)
         if estimates is None:
-            reason = "too few halvings of the cube to compare" if at.depth < 2 else NO_PIXEL
+            too_coarse = 4 * at.cell_m > at.prepared.cube.edge_m * (1 + 1e-9)
+            reason = "too few halvings of the cube to compare" if too_coarse else NO_PIXEL
             return [Estimate.unknown(self.name, reason, fixed)]
-        cell_mm = 1e3 * at.prepared.cube.at(at.depth).cell_m
+        cell_mm = 1e3 * at.cell_m
         sizes = ", ".join(f"{cell_mm * up:.3g}" for up in estimates[0].sizes)
         subject = "cone and cells" if at.prepared.on_lattice else "cells"
         out = [extrapolated(self.name, f"{subject} of {sizes} mm", fixed, estimates)]
@@ -126,8 +118,9 @@ class _Cells(ErrorSource):
             )
             return Estimate.unknown(self.name, reason, fixed)
         at.stages.tell("errors: cells half as large")
-        differences = at.tracer.difference(at.tracer.level(at.depth), at.tracer.level(at.depth + 1))
-        h_mm = 1e3 * cube.at(at.depth).cell_m
+        halved = at.tracer.level(at.cell_m / 2)
+        differences = at.tracer.difference(at.tracer.level(at.cell_m), halved)
+        h_mm = 1e3 * at.cell_m
         method = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
         return Estimate.of(self.name, [step.times(2.0) for step in differences], method, fixed)
 
@@ -141,10 +134,10 @@ class _Cells(ErrorSource):
         return old.on_lattice(old.spacing_m * max(less, 0.5))
 
 
-def _exact(prepared: Prepared, depth: int, scene: Scene) -> bool:
+def _exact(at: Measurement) -> bool:
     """True if cells are the voxels of a user's grid, or parts of them."""
-    return isinstance(scene.spray, GridSpray) and in_whole_cells(
-        prepared.cube.at(depth), prepared.sources
+    return isinstance(at.scene.spray, GridSpray) and in_whole_cells(
+        at.tracer.frame(at.cell_m), at.prepared.sources
     )
 
 
@@ -164,14 +157,6 @@ class _Ordinates(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         droplets = getattr(scene.spray, "droplets", True) is not None
         return scene.transport.directions is None and droplets
-
-    def of_image(self, at: Measurement, image: ImagePair) -> float | None:
-        noise_K = at.tracer.noise_K(image)
-        if not noise_K:
-            return noise_K
-        # Each wavelength has ordinates of its own, whose errors are independent.
-        assert at.resolution is not None
-        return noise_K * (at.resolution.ordinates_K / at.tracer.settings.accuracy_K)
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         if not at.trace_errors:

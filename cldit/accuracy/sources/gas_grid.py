@@ -120,7 +120,7 @@ class _GasGrid(ErrorSource):
             coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))
         except NO_COARSER_LATTICE:
             return []
-        estimates = richardson(tracer, (tracer.level(at.coarse), coarser, coarsest))
+        estimates = richardson(tracer, (tracer.level(at.coarse_m), coarser, coarsest))
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
         method, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
         options = {"at_most": estimates[0].bound_K is not None, "size": cone.lattice_m}
@@ -137,7 +137,7 @@ class _GasGrid(ErrorSource):
         image_2h, head_m = twice
         heads_m = [at.prepared.spray.notes[_HEAD], head_m]
         tracer = at.tracer
-        image = tracer.level(at.depth)
+        image = tracer.level(at.cell_m)
         fine_steps = tracer.difference(image, image_2h)
         h_mm = 1e3 * spec.box.cell_m
         method = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
@@ -165,7 +165,7 @@ class _GasGrid(ErrorSource):
 
     def _imported(self, at: Measurement) -> list[Estimate]:
         """The error of linear cells, by the same gas in cells twice and four times as large."""
-        gas, images = at.prepared.made.vapour, [at.tracer.level(at.depth)]
+        gas, images = at.prepared.made.vapour, [at.tracer.level(at.cell_m)]
         for times in _TIMES.values():
             gas = None if gas is None else coarsened(gas)
             if gas is None:
@@ -174,7 +174,7 @@ class _GasGrid(ErrorSource):
             at.stages.tell(f"errors: {name}")
             larger = replace(at.prepared.spray, vapour=reconstructed(gas))
             try:
-                image = at.tracer.variant(name, partial(at.prepared.sources_of, larger), at.depth)
+                image = at.tracer.variant(name, partial(at.prepared.sources_of, larger), at.cell_m)
             except (MediumError, TransportError) as error:  # larger cells reach further
                 return [Estimate.unknown(self.name, f"{name}: {error}")]
             images.append(image)
@@ -195,7 +195,7 @@ class _GasGrid(ErrorSource):
         sources, head_m = gas
         try:
             # On the image's own cells: larger ones would blur those of the gas.
-            return at.tracer.variant(name, lambda: sources, at.depth), head_m
+            return at.tracer.variant(name, lambda: sources, at.cell_m), head_m
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
             return f"the spray on larger cells of gas: {error}"
 

@@ -61,7 +61,7 @@ class Omission(ErrorSource):
 
     def predict(self, at: Measurement) -> list[Estimate]:
         """The error on coarse cells."""
-        return self._stated(at, at.coarse) if self.applies(at.prepared) else []
+        return self._stated(at, at.coarse_m) if self.applies(at.prepared) else []
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         """The error of the image."""
@@ -71,12 +71,12 @@ class Omission(ErrorSource):
         if self is CUTOFF and method != "source" and at.trace_errors:
             reason = f"method {method} ends rays at every scattering"  # `path` has one of its own
             return [] if method == "path" else [Estimate.unknown(self.name, reason, self.fixed_by)]
-        cells = counted(at.prepared.cube.at(at.depth), at.prepared.sources, at.tracer.device).swept
+        cells = counted(at.tracer.frame(at.cell_m), at.prepared.sources, at.tracer.device).swept
         fine = isinstance(at.scene.spray, GridSpray) and cells <= MOST_SWEPT
-        return self._stated(at, at.depth if fine or not self.costly else at.coarse)
+        return self._stated(at, at.cell_m if fine or not self.costly else at.coarse_m)
 
-    def _stated(self, at: Measurement, depth: int) -> list[Estimate]:
-        out = [self._compared(at, depth)]
+    def _stated(self, at: Measurement, cell_m: float) -> list[Estimate]:
+        out = [self._compared(at, cell_m)]
         nodes = len(at.prepared.properties.chosen.quadrature.nodes)
         if self.of_gas and nodes > 1 and at.prepared.sources[1]:
             reason = f"compared at one of {nodes} wavelengths; gas may be opaque at others"
@@ -84,19 +84,18 @@ class Omission(ErrorSource):
             out.append(Estimate.unknown(name, reason, self.fixed_by))
         return out
 
-    def _compared(self, at: Measurement, depth: int) -> Estimate:
+    def _compared(self, at: Measurement, cell_m: float) -> Estimate:
         at.stages.tell(f"errors: {self.name}")
         tracer = at.tracer
         try:
-            image = tracer.level(depth)
-            complete = tracer.changed(self.name, depth, self.complete, split=self.split)
+            image = tracer.level(cell_m)
+            complete = tracer.variant(self.name, None, cell_m, self.complete, self.split)
         except (MediumError, SprayError, TransportError) as error:
             reason = f"the image that omits nothing cannot be traced: {error}"
             return Estimate.unknown(self.name, reason, self.fixed_by)
-        cell_mm = 1e3 * at.prepared.cube.at(depth).cell_m
         section, name = self.fixed_by.split(".")
         value = getattr(getattr(at.scene, section), name)
-        method = f"{self.method.format(value)}, on cells of {cell_mm:.3g} mm"
+        method = f"{self.method.format(value)}, on cells of {1e3 * cell_m:.3g} mm"
         return Estimate.of(self.name, tracer.difference(image, complete), method, self.fixed_by)
 
 

@@ -79,15 +79,15 @@ class _Parcels(ErrorSource):
         )
         (half_a, half_b), narrower, sampling = variants_of
         at.stages.tell("errors: either half of the parcels")
-        image_a = tracer.variant("first half of the parcels", lambda: half_a, at.coarse)
-        image_b = tracer.variant("second half of the parcels", lambda: half_b, at.coarse)
+        image_a = tracer.variant("first half of the parcels", lambda: half_a, at.coarse_m)
+        image_b = tracer.variant("second half of the parcels", lambda: half_b, at.coarse_m)
         errors = [step.times(sampling) for step in tracer.difference(image_a, image_b)]
         method = f"{sampling:.2g} of the difference of two halves of the parcels"
         out = [Estimate.of(self.name, errors, method, key)]
         if narrower is not None:
             at.stages.tell("errors: parcels spread less")
-            image = tracer.variant("parcels spread less", lambda: narrower, at.coarse)
-            steps = tracer.difference(tracer.level(at.coarse), image)
+            image = tracer.variant("parcels spread less", lambda: narrower, at.coarse_m)
+            steps = tracer.difference(tracer.level(at.coarse_m), image)
             width = [step.times(_OF_WIDTH) for step in steps]
             method = "4/3 of the step to half of the variance, for a bias of fourth order"
             out.append(Estimate.of("deposit width", width, method, key, at_most=True))
@@ -127,13 +127,13 @@ class _SizeClasses(ErrorSource):
             return []
         try:
             if at.prepared.on_lattice:
-                cone, all_classes = at.tracer.cone_at(at.coarse), at.tracer.level(at.coarse)
+                cone, all_classes = at.tracer.cone_at(at.coarse_m), at.tracer.level(at.coarse_m)
             else:
                 (cone, all_classes), _ = (at.on_lattice(up) for up in (2, 4))
             at.stages.tell("errors: half of the classes of size")
             half = cone.model_copy(update={"size_classes": cone.classes // 2})
             image = at.tracer.variant(
-                f"{half.size_classes} classes", lambda: at.prepared.resprayed(half), at.coarse
+                f"{half.size_classes} classes", lambda: at.prepared.resprayed(half), at.coarse_m
             )
         except NO_COARSER_LATTICE:
             return []

@@ -42,12 +42,6 @@ class _PixelSampling(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         return scene.camera.rays_across is None and scene.transport.method == "source"
 
-    def of_image(self, at: Measurement, image: ImagePair) -> float | None:
-        # Single pixels far apart do not show it, and chosen rays are chosen for their share.
-        if at.tracer.drawn is not None or self.is_free(at.scene):
-            return None
-        return self._of(at, image).cause.error_K
-
     def estimate(self, at: Measurement) -> list[Estimate]:
         assert at.image is not None
         if at.tracer.settings.whole_pixels and at.scene.transport.method == "path":

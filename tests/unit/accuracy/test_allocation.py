@@ -143,38 +143,24 @@ def test_shares_fill_the_whole() -> None:
     assert allocation["trace"] == allocation.shares_K["trace"] < allocation.cells_K < 2.0
 
 
-def test_predicted_errors_leave_less_to_the_cells() -> None:
-    allocation = allocation_of(scene_of(transport={"accuracy_K": 0.5}))
-    small = replace(allocation, predicted_K={"trace": 0.1, "pixel sampling": 0.0})
-    assert allocation.cells_K < small.cells_K < 0.5
-    seen = replace(small, predicted_K={**small.predicted_K, "pixel sampling": 0.24})
-    assert seen.cells_K**2 == pytest.approx(small.cells_K**2 - 0.24**2)
-    # If a possible upper bound exceeds the tolerance, cells do not become finer without end.
-    much = replace(allocation, predicted_K={"pixel sampling": 0.9})
-    assert much.cells_K == 0.5 * allocation.shares_K["cells"]
-    # No resolution includes pixels: beside 3 K of theirs finer cells are in vain.
-    known = allocation.with_known(scene_of(), [])
-    coarse = replace(known, predicted_K={"trace": 0.1, "pixel sampling": 3.0})
-    assert coarse.cells_K == pytest.approx(0.1**0.5 * 3.0, rel=0.05)  # classes have some of it
-
-
 def fixed(error_K: float, *, at_most: bool = False, name: str = "gas grid") -> Estimate:
     return Estimate(Cause(name, error_K, "x", at_most=at_most))
+
+
+def of(scene: Scene, *known: Estimate) -> Allocation:
+    return Allocation.of(scene, scene.transport.accuracy_K, known)
 
 
 def test_fixed_errors_bound_the_others() -> None:
     """Fixed errors make 10/11 of a sum of squares, and the others have the rest."""
     scene = scene_of("gdi-flow", transport={"accuracy_K": 0.5})
-    before = allocation_of(scene)
-    known = [fixed(9.0), fixed(1.2, name="parcels")]
-    allocation = before.with_known(scene, known).allocated(scene)
+    allocation = of(scene, fixed(9.0), fixed(1.2, name="parcels"))
     fixed_K2 = 9.0**2 + 1.2**2
-    assert allocation.target_K**2 == pytest.approx(1.1 * fixed_K2)
     assert sum(one**2 for one in allocation.shares_K.values()) == pytest.approx(0.1 * fixed_K2)
-    assert allocation["trace"] == allocation.shares_K["trace"] > before["trace"]
+    assert allocation["trace"] == allocation.shares_K["trace"] > of(scene)["trace"]
     trace_K = 0.6 * allocation["trace"]
     assert allocation.cells_K**2 + trace_K**2 == pytest.approx(0.1 * fixed_K2)
-    assert allocation.free_K == pytest.approx((0.1 * fixed_K2) ** 0.5)
+    assert allocation.fixed_K == {"gas grid": 9.0, "parcels": 1.2}
 
 
 def test_a_larger_tolerance_never_makes_finer_cells() -> None:
@@ -182,43 +168,29 @@ def test_a_larger_tolerance_never_makes_finer_cells() -> None:
     cells_K, trace_K = [], []
     for asked_K in [0.1 * 1.03**k for k in range(200)]:  # to 36 K
         scene = scene_of("gdi-flow", transport={"accuracy_K": asked_K})
-        known = [fixed(3.0), fixed(1.0, name="parcels")]
-        allocation = allocation_of(scene).with_known(scene, known).allocated(scene)
-        seen = replace(allocation, predicted_K={**allocation.predicted_K, "trace": 0.02})
-        cells_K.append(seen.cells_K)
+        allocation = of(scene, fixed(3.0), fixed(1.0, name="parcels"))
+        cells_K.append(allocation.cells_K)
         trace_K.append(allocation["trace"])
     for values in (cells_K, trace_K):
         assert all(a <= b * (1 + 1e-9) for a, b in pairwise(values))
     # Where the sum of squares is (1 + 0.1) F^2, a step of 3 % in it makes one of a third in what
     # is left, the most that there is.
     assert max(b / a for a, b in pairwise(cells_K)) < (1 + (1.03**2 - 1) * 1.1 / 0.1) ** 0.5
-    assert cells_K[-1] ** 2 == pytest.approx(asked_K**2 - 3.0**2 - 1.0**2 - 0.02**2)
 
 
 def test_an_upper_bound_makes_nothing_coarser() -> None:
     """It leaves cells less, and half of their share at least."""
     scene = scene_of("gdi-flow", transport={"accuracy_K": 1.0})
-    before = allocation_of(scene)
-    allocation = before.with_known(scene, [fixed(9.0, at_most=True)]).allocated(scene)
+    before, bound = of(scene), fixed(9.0, at_most=True)
+    allocation = of(scene, bound)
     assert allocation["trace"] == before["trace"]
-    assert allocation.cells_K == 0.5 * before.shares_K["cells"]
-    beside = [fixed(9.0, at_most=True), fixed(5.0, name="parcels")]
-    both = before.with_known(scene, beside).allocated(scene)  # nor does it hide what is no bound
+    assert allocation.cells_K == pytest.approx(0.5 * before.shares_K["cells"])
+    both = of(scene, bound, fixed(5.0, name="parcels"))  # nor does it hide what is no bound
     assert sum(one**2 for one in both.shares_K.values()) == pytest.approx(0.1 * 5.0**2)
-    some = before.with_known(scene, [fixed(0.5, at_most=True)])
-    assert some.cells_K**2 == pytest.approx(before.cells_K**2 - 0.25)
-
-
-def test_directions_of_the_scene_are_fixed() -> None:
-    """Their error, as a coarse image shows it, bounds the cells."""
-    scene = scene_of(transport={"accuracy_K": 0.5, "directions": 8})
-    known = allocation_of(scene).with_known(scene, [])
-    seen = replace(known, predicted_K={"trace": 4.0})
-    assert seen.target_K == pytest.approx(1.1**0.5 * 4.0)
-    assert seen.cells_K == pytest.approx(0.1**0.5 * 4.0, rel=0.05)  # classes have some of it
-    free = scene_of(transport={"accuracy_K": 0.5})
-    noise = replace(allocation_of(free).with_known(free, []), predicted_K={"trace": 4.0})
-    assert noise.target_K == 0.5  # ordinates can make it smaller
+    some = of(scene, fixed(0.5, at_most=True))
+    assert some.cells_K**2 == pytest.approx(0.75 * before.cells_K**2)
+    unknown = Estimate.unknown("gas grid", "x")
+    assert of(scene, unknown) == before
 
 
 def test_fixed_keys_stay() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,9 +19,11 @@ from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
 from cldit.gpu.device import Device
+from cldit.prepare.medium import prepare
 from cldit.prepare.stages import Stages
 from cldit.run import simulate
 from cldit.scene import load_scene, parse_scene
+from cldit.transport.trace import settings_for, trace
 
 
 @pytest.mark.parametrize(
@@ -108,3 +111,35 @@ def test_no_error_is_stated_of_a_temperature_that_no_pixel_has(
     assert re.search(f"not stated: no pixel has a T_app .*({why})", run.errors.text)
     assert TypeAdapter(Errors).validate_python(run.errors.to_dict()) == run.errors
     assert run.error_maps == {}
+
+
+def test_an_image_that_was_traced_is_only_audited(device: Device, tmp_path: Path) -> None:
+    """A coarse trace that becomes the image has the weights and the audit of a trace of its own."""
+    extinction = np.full((4, 4, 4), 300.0)
+    np.savez(
+        tmp_path / "grid.npz",
+        origin_m=np.full(3, -2e-3),
+        spacing_m=np.full(3, 1e-3),
+        droplet_absorption_per_m=extinction,
+        droplet_scattering_per_m=extinction,
+        droplet_temperature_K=extinction,
+    )
+    scene = parse_scene(
+        {
+            "name": "box",
+            "spray": {"model": "grid", "file": str(tmp_path / "grid.npz")},
+            "domain": {"edge_m": 0.016},
+            "camera": {"pixels": [8, 8], "field_m": [0.006, 0.006], "target_m": [0.0, 0.0, 0.0]},
+        }
+    )
+    prepared = prepare(scene, device, Stages(None), tmp_path)
+    (tree,) = prepared.octrees(prepared.cube, [prepared.sources])
+    settings = settings_for(scene, tolerance_K=4.0)
+    own = trace(tree, scene, device, settings)
+    bare = trace(tree, scene, device, replace(settings, audit=False))
+    audited = trace(tree, scene, device, settings, known=bare)
+    assert bare.audit is None and audited.weights is bare.weights
+    assert audited.audit is not None and own.audit is not None
+    np.testing.assert_array_equal(audited.audit.sample.pixels, own.audit.sample.pixels)
+    for alike, error in zip(audited.audit.errors, own.audit.errors, strict=True):
+        np.testing.assert_allclose(alike.wall, error.wall, atol=1e-6)  # sums in single precision

@@ -37,17 +37,16 @@ def remark(
     coarse: TraceCost | None,
     ordinates: int = 24,
     keys: Mapping[str, Any] | None = None,
-    predicted_K: Mapping[str, float] | None = None,
 ) -> tuple[str, ...]:
     camera = {"camera.pixels": [100, 100], **WHOLE_KEYS}
     gdi: Scene = load_scene("gdi-cone").with_(**{**camera, **(keys or {})})
     settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
-    allocation = replace(Allocation.of(gdi, 1.0), predicted_K=predicted_K or {}).allocated(gdi)
+    allocation = Allocation.of(gdi, 1.0)
     return expected(
         gdi, device, frame, box(), [settings],
-        coarse=[] if coarse is None else [coarse], allocation=allocation, limits={},
+        coarse=[] if coarse is None else [coarse], allocation=allocation,
     )  # fmt: skip
 
 
@@ -82,27 +81,6 @@ def test_half_of_the_memory_is_announced(monkeypatch: pytest.MonkeyPatch) -> Non
     assert text.startswith("expected for the image: 0.017 GB, by ")
 
 
-def test_an_error_above_what_is_asked_is_announced_with_the_cost(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The squares of predicted errors, and of 0.6 of the other shares: the likely ones."""
-    monkeypatch.setattr(remarks, "memory_bytes", lambda _: 64 * GB)
-    asked = Allocation.of(load_scene("gdi"), 1.0)
-    likely_K2 = sum((0.6 * one) ** 2 for one in asked.shares_K.values())
-    assert remark(coarse=COARSE, predicted_K={"parcels": 0.5}) == ()
-    cost, error = remark(coarse=COARSE, predicted_K={"parcels": 1.5, "deposit width": 0.3})
-    assert cost.startswith("expected for the image: 10 core-s and ")
-    total_K = (1.5**2 + 0.3**2 + likely_K2) ** 0.5
-    assert error.startswith(
-        f"expected error {total_K:.2g} K RMS, more than transport.accuracy_K: 1"
-    )
-    assert "parcels contribute 1.5 K, set by spray.file; allowed: " in error
-    assert error.endswith("more parcels in the file")
-    keys = {"domain.leaf_edge_m": 1e-3}
-    _, error = remark(coarse=COARSE, keys=keys, predicted_K={"cells": 4.0})
-    assert "cells contribute 4 K, set by domain.leaf_edge_m; allowed: a smaller" in error
-
-
 def test_a_trace_is_measured() -> None:
     """A tenth of the time was spent on rays; compilation, which is paid once, is not counted."""
     image = SimpleNamespace(background=np.zeros((3, 4)))
@@ -114,18 +92,3 @@ def test_a_trace_is_measured() -> None:
         found, cost = TraceCost.measured(device, 8, settings, partial(getattr, made, "self"))
         assert found is made and (cost.cells, cost.ordinates, cost.pixels) == (8, 24, 12)
         assert cost.sweeps_s == pytest.approx(share * (cost.sweeps_s + cost.rays_s))
-
-
-def test_drawn_pixels_see_more_medium_than_those_of_the_image() -> None:
-    """Of 1000 pixels 10 see the medium and 5 of them were drawn, with 5 of the 990 others: rays of
-    the whole image take twice as long."""
-    background = np.array([[0.5] * 5 + [1.0] * 5])
-    chance = np.array([[1 / 2] * 5 + [1 / 198] * 5])
-    made: Any = SimpleNamespace(
-        seconds={"image": 1.0}, weights=SimpleNamespace(background=background)
-    )
-    device: Any = SimpleNamespace(is_cpu=False)
-    settings: Any = SimpleNamespace(final_directions=24)
-    _, cost = TraceCost.measured(device, 8, settings, lambda: made, chance=chance)
-    assert cost.pixels == pytest.approx(500)
-    assert cost.scaled_s(8, 24, 1000, 1) == pytest.approx(2 * cost.rays_s)

@@ -224,15 +224,15 @@ class Tracer:
     prepared: Any
     images_K: dict[str, float | Exception]
 
-    def variant(self, name: str, make: Any, depth: int) -> float:
-        assert depth == 6 and not isinstance(make(), str)
+    def variant(self, name: str, make: Any, cell_m: float) -> float:
+        assert cell_m == 1e-3 and not isinstance(make(), str)
         found = self.images_K[name]
         if isinstance(found, Exception):
             raise found
         return found
 
-    def level(self, depth: int) -> float:
-        assert depth == 6  # the image's own cells
+    def level(self, cell_m: float) -> float:
+        assert cell_m == 1e-3  # the image's own cells
         return 500.0
 
     def difference(self, one: float, other: float) -> tuple[ImageDifference, ImageDifference]:
@@ -254,7 +254,7 @@ def errors_of(
         variant=lambda name, _: {TWICE: gas, FOUR: more}[name],
     )
     tracer: Any = Tracer(prepared, {TWICE: once_K, FOUR: twice_K})
-    at = Measurement(scene(), tracer, Stages(None), depth=6, coarse=5)
+    at = Measurement(scene(), tracer, Stages(None), cell_m=1e-3, coarse_m=2e-3)
     estimates = GAS_GRID.estimate(at)
     heads = {name: error for one in estimates for name, error in one.figures.items()}
     known = not isinstance(gas, str | None) and not isinstance(once_K, Exception)
@@ -289,7 +289,7 @@ def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
         images: Any = {averaged.format("twice"): 509.0, averaged.format("four times"): 545.0}
         of: Any = SimpleNamespace(spray=None)
         tracer: Any = Tracer(prepared, images)
-        at = Measurement(of, tracer, Stages(None), depth=6, coarse=5)
+        at = Measurement(of, tracer, Stages(None), cell_m=1e-3, coarse_m=2e-3)
         before = [one.cause for one in GAS_GRID.predict(at)]  # on the same cells
         errors = Errors.of(one.cause for one in GAS_GRID.estimate(at))
         assert list(errors.causes) == before
@@ -353,7 +353,7 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
         difference=lambda *_: (difference(1),) * 2,
     )
     for _ in range(2):
-        GAS_GRID.estimate(Measurement(scene(), tracer, stages, depth=6, coarse=5))
+        GAS_GRID.estimate(Measurement(scene(), tracer, stages, cell_m=1e-3, coarse_m=2e-3))
     assert asked == [(H, tmp_path), (2 * H, tmp_path), (4 * H, tmp_path)]
     named = [stage.name for stage in stages.done]
     more = [f"spray on cells of gas {how} as large" for how in ("twice", "four times")]

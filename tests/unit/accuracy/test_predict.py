@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,8 +13,7 @@ from cldit.accuracy import predict
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.image_pair import ImageDifference
-from cldit.accuracy.predict import fixed_estimates
-from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.predict import coarse_estimates
 from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import TransportError
@@ -59,19 +59,20 @@ class Tracer:
             variant=lambda name, _: kept[name],
         )
         self.scene = SimpleNamespace(camera=SimpleNamespace(field_m=(0.1, 0.1)))
-        self.seen: set[int] = set()
+        self.seen: set[int] = set()  # halvings
+        self.step = 2.0
 
-    def level(self, depth: int) -> float:
-        if depth < self.coarsest:
+    def level(self, cell_m: float) -> float:
+        if round(math.log2(0.1 / cell_m)) < self.coarsest:
             raise TransportError("cells reach behind a patch")
-        return float(self.cell_K / 2**depth)
+        return self.cell_K * cell_m / 0.1
 
-    def grids(self, depth: int) -> Any:
-        return [(2.0**up, self.level(depth - up)) for up in (0, 1, 2)]
+    def grids(self, cell_m: float) -> Any:
+        return [(up, self.level(up * cell_m)) for up in (1.0, 2.0, 4.0)]
 
-    def variant(self, _: str, make: Any, depth: int) -> float:
-        self.seen.add(depth)
-        return self.level(depth) + KNOWN_K[make()]
+    def variant(self, _: str, make: Any, cell_m: float) -> float:
+        self.seen.add(round(math.log2(0.1 / cell_m)))
+        return self.level(cell_m) + KNOWN_K[make()]
 
     def difference(self, one: float, other: float) -> tuple[ImageDifference, ...]:
         sizes = abs(one - other), 0.5 * abs(one - other)
@@ -80,7 +81,7 @@ class Tracer:
 
 def found(scene: Scene, tracer: Any) -> dict[str, Any]:
     problem: Any = SimpleNamespace(scene=scene, stages=Stages(None))
-    estimates = fixed_estimates(problem, tracer)
+    estimates = coarse_estimates(problem, tracer)
     return {one.cause.name: (one.error_K, one.cause.at_most) for one in estimates}
 
 
@@ -106,14 +107,6 @@ def test_a_computed_spray() -> None:
     assert found(gdi_flow(), tracer) == causes and tracer.seen == {6}
 
 
-def test_cells_of_the_scene() -> None:
-    """Of 0.1 / 128 m: predicted by those of twice and four times the edge."""
-    own = gdi_flow(domain={"leaf_edge_m": 1e-3})
-    error_K, at_most = found(own, Tracer(cell_K=256.0))["cells"]
-    assert error_K == pytest.approx(2.0) and not at_most
-    assert found(gdi_flow(), Tracer(cell_K=256.0)) == {}
-
-
 def test_an_error_that_is_unknown_bounds_nothing() -> None:
     assert found(gdi_flow(), Tracer(gas="above 0.01 m")) == {}
 
@@ -125,7 +118,7 @@ def test_few_parcels_of_a_computed_spray_say_at_least(parcels: int, known: bool)
     computed = gdi_flow()
 
     def errors(scene: Scene) -> Errors:
-        at = Measurement(scene, tracer, Stages(None), depth=6, coarse=5)
+        at = Measurement(scene, tracer, Stages(None), cell_m=2e-3, coarse_m=4e-3)
         return Errors.of(one.cause for one in PARCELS.estimate(at))
 
     assert errors(computed).unknown == (() if known else ("gas of few parcels",))
@@ -142,15 +135,16 @@ def test_size_classes_for_their_share(monkeypatch: pytest.MonkeyPatch) -> None:
     allocation = Allocation.of(scene, 1.0)
     large_K = 2.4 * allocation["size classes"]
     errors_K = {"size classes": large_K, "gas grid": 0.5 * allocation["gas grid"]}
-
-    def of(_: Measurement, source: Any) -> list[Estimate]:
-        return [Estimate(Cause(name, e, "")) for name, e in errors_K.items() if name == source.name]
-
-    monkeypatch.setattr(Measurement, "of", of)
-    monkeypatch.setattr(predict, "predicted_error", lambda *_: (0.3, False))
-    tracer: Any = SimpleNamespace(prepared=SimpleNamespace(cube=SimpleNamespace(depth=7), cone=1))
-    problem: Any = SimpleNamespace(scene=scene, stages=Stages(None), predicted={})
-    start = Resolution.first(scene, ordinates_K=1.0, spectral_K=1.0)
-    resolution, left = predict._for_spray(problem, start, allocation, tracer)
-    assert start.size_classes == 4 and resolution.size_classes == 10  # 2.4 times 4
-    assert resolution.spacing_m == start.spacing_m and left.predicted_K["cells"] == 0.3
+    estimates = tuple(Estimate(Cause(name, error_K, "")) for name, error_K in errors_K.items())
+    monkeypatch.setattr(predict, "coarse_estimates", lambda *_: estimates)
+    cube = Frame((0.0, 0.0, 0.0), edge_m=0.2, depth=7)
+    prepared = SimpleNamespace(cube=cube, cone=1, is_empty=False)
+    tracer: Any = SimpleNamespace(prepared=prepared, frame=lambda _: cube)
+    problem: Any = SimpleNamespace(
+        scene=scene, spray=None, stages=Stages(None), predicted={}, is_clear=lambda _: False,
+        tracer=lambda resolution: (resolution, tracer),
+    )  # fmt: skip
+    resolution, asked = predict.predict(problem, 1.0)
+    assert resolution.size_classes == 10  # 2.4 times 4
+    assert resolution.spacing_m == scene.spray.lattice_m  # type: ignore[union-attr]
+    assert asked == allocation and problem.predicted["size classes"].error_K == large_K
