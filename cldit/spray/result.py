@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import xarray
 
 
+# Root of g^4 = g + 1: the generalised golden ratio of three dimensions (Roberts, 2018).
+PLASTIC = 1.2207440846057596
 Limits = Mapping[str, tuple[float, float]]
 _KELVIN, _PER_METRE = (0.0, 5000.0), (0.0, 1e12)
 _PARCEL_LIMITS: Limits = {
@@ -142,8 +144,7 @@ class Parcels:
         """
         if not isinstance(self.extent, Box):
             return self.position_m
-        # Root of g^4 = g + 1: the generalised golden ratio of three dimensions (Roberts, 2018).
-        steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+        steps = PLASTIC ** -np.arange(1.0, 4.0)
         place = (0.5 + np.arange(len(self.position_m))[:, None] * steps) % 1.0
         return np.asarray(self.position_m + (place - 0.5) * self.extent.edge_m)
 

@@ -146,8 +146,8 @@ class Mixing:
             exchange, factor: planes for polar angle and azimuth; their product is diffusivity times
                 density.
         """
-        f = self.fields
-        azimuths, polars, _ = f.grid.shape
+        f, (azimuths, polars, _) = self.fields, self.fields.grid.shape
+        layer, packets = polars * f.stride, f.stride // f.simd_width
         common = {
             "fields": values,
             "kinds": kinds,
@@ -158,9 +158,8 @@ class Mixing:
             "factor": factor,
             "step": 1.0,
             "cells": f.cells,
-            "packets": f.stride // f.simd_width,
+            "packets": packets,
         }
-        layer, packets = polars * f.stride, f.stride // f.simd_width
         polar = {
             "flux_plane": 1,
             "exchange": exchange[0],

@@ -7,8 +7,9 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.scene.spray import EIGHT_PLUMES, FlowBox, LagrangianSpray, Plume
+from cldit.spray.cone.nozzle import plume_axis
 from cldit.spray.droplet.fluids import fuel_table
-from cldit.spray.flow.injector import inject, plume_axis
+from cldit.spray.flow.injector import inject
 from cldit.spray.flow.ray_choice import ray_grid, symmetry
 from cldit.spray.flow.rays import RayGrid
 
