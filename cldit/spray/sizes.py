@@ -21,6 +21,7 @@ from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasa
 Sizes = NukiyamaTanasawa | Monodisperse | LogNormal | RosinRammler | Histogram
 Weight = Literal["number", "mass"]
 
+FREE_DROP_M = 5e-3  # a larger free drop of fuel breaks up
 _POWER = {"number": 0, "mass": 3}
 
 

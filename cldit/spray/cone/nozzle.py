@@ -15,8 +15,7 @@ from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import Mixture, heptane_mixture
 from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, droplet_kernels, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
-from cldit.spray.droplet.follow import LARGEST_M
-from cldit.spray.sizes import strata_m
+from cldit.spray.sizes import FREE_DROP_M, strata_m
 
 VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
 _CLASSES = 1024  # of the droplets' sizes
@@ -62,10 +61,10 @@ def flow_coefficient(
 
 def check_free_drops(largest_m: float) -> None:
     """Raises SprayError if the largest droplet would break up."""
-    if not largest_m <= LARGEST_M:
+    if not largest_m <= FREE_DROP_M:
         raise SprayError(
             f"spray.droplets: these sizes reach {largest_m:.3g} m; allowed: up to "
-            f"{LARGEST_M:g}, above which free drops of fuel break up"
+            f"{FREE_DROP_M:g}, above which free drops of fuel break up"
         )
 
 

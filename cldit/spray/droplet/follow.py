@@ -16,9 +16,9 @@ from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, adva
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
 from cldit.spray.droplet.models import MODELS
+from cldit.spray.sizes import FREE_DROP_M
 
 COLUMNS = ("time_s", "diameter_m", "temperature_K", "velocity_m_s", "mass_kg")
-LARGEST_M = 5e-3  # a free drop of fuel breaks up below this
 SMALLEST_M = 1e-8  # the mean free path is larger
 LONGEST_S = 1e5
 
@@ -159,10 +159,10 @@ def _check_finite(numbers: tuple[float, ...], duration_s: float | None) -> None:
 
 
 def _check(*, diameter_m: float, velocity_m_s: float, vapour: float, model: str) -> None:
-    if not SMALLEST_M <= diameter_m <= LARGEST_M:
+    if not SMALLEST_M <= diameter_m <= FREE_DROP_M:
         raise SprayError(
             f"diameter {diameter_m * 1e6:g} um; allowed: {SMALLEST_M * 1e6:g} to "
-            f"{LARGEST_M * 1e6:g} um (check the unit)"
+            f"{FREE_DROP_M * 1e6:g} um (check the unit)"
         )
     if not abs(velocity_m_s) <= 1000:
         raise SprayError(f"velocity {velocity_m_s:g} m/s; allowed: -1000 to 1000 m/s")
