@@ -57,10 +57,6 @@ class Fuel(Gas):
         """See `fits.liquid_fits`."""
         return liquid_fits(self.name, self.liquid, critical_K=self.critical_K)
 
-    def saturation_Pa(self, temperature_K: ArrayLike) -> Floats:
-        """Saturation pressure, any shape."""
-        return np.asarray(np.exp(self.liquid.value("ln_psat", temperature_K)))
-
     def boiling_K(self, pressure_Pa: ArrayLike) -> Floats:
         """Boiling temperature, any shape, by bisection within the table."""
         ln_pressure = np.log(np.asarray(pressure_Pa, dtype=float))
@@ -123,13 +119,13 @@ def fuel_table(name: str, *, cache: Path | None) -> Fuel:
     """
     arrays = _cached(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache)
     phases = _curves(arrays, "vapour"), _curves(arrays, "liquid")
-    return Fuel(name, *_constants(arrays), *phases)
+    return Fuel(name=name, **_constants(arrays), vapour=phases[0], liquid=phases[1])
 
 
 def gas_table(name: str, *, cache: Path | None) -> Gas:
     """Carrier gas by name, one of `substances.GASES`; `cache` as in `fuel_table`."""
     arrays = _cached(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
-    return Gas(name, *_constants(arrays), _curves(arrays, "vapour"))
+    return Gas(name=name, **_constants(arrays), vapour=_curves(arrays, "vapour"))
 
 
 def check_conditions(
@@ -168,10 +164,10 @@ def _cached(key: str, build: Callable[[], Arrays], cache: Path | None) -> Arrays
     )
 
 
-def _constants(arrays: Arrays) -> list[float]:
-    """The numbers of `Gas`, in its order."""
+def _constants(arrays: Arrays) -> dict[str, float]:
+    """The numbers of `Gas` by name."""
     names = ("molar_mass_kg_mol", "diffusion_volume", "critical_K", "critical_Pa")
-    return [float(arrays[f"constants.{name}"]) for name in names]
+    return {name: float(arrays[f"constants.{name}"]) for name in names}
 
 
 def _curves(arrays: Arrays, phase: str) -> Curves:
