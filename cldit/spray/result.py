@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 PLASTIC = 1.2207440846057596
 Limits = Mapping[str, tuple[float, float]]
 _KELVIN, _PER_METRE = (0.0, 5000.0), (0.0, 1e12)
-_PARCEL_LIMITS: Limits = {
+PARCEL_LIMITS: Limits = {
     "diameter_m": (1e-9, 1e-2),
     "droplets": (0.0, 1e18),
     "temperature_K": _KELVIN,
@@ -94,7 +94,7 @@ class Parcels:
                 shape = self.velocity_m_s.shape
                 raise SprayError(f"parcels.velocity_m_s: shape {shape}, expected ({count}, 3)")
             _checked("parcels.velocity_m_s", self.velocity_m_s, low=-1e4, high=1e4)
-        _check_columns(self, "parcels.", count, _PARCEL_LIMITS)
+        _check_columns(self, "parcels.", count, PARCEL_LIMITS)
 
     @property
     def masses_kg(self) -> Floats:
@@ -128,12 +128,9 @@ class Parcels:
         """Some of the parcels, chosen (N,)."""
         return Parcels(
             self.position_m[chosen],
-            self.diameter_m[chosen],
-            self.droplets[chosen],
-            self.temperature_K[chosen],
-            self.density_kg_m3[chosen],
-            None if self.extent is None else self.extent.of(chosen),
-            None if self.velocity_m_s is None else self.velocity_m_s[chosen],
+            *(getattr(self, name)[chosen] for name in PARCEL_LIMITS),
+            extent=None if self.extent is None else self.extent.of(chosen),
+            velocity_m_s=None if self.velocity_m_s is None else self.velocity_m_s[chosen],
         )
 
     def points_m(self) -> Floats:
@@ -293,12 +290,7 @@ def _labelled(spray: Spray) -> xarray.Dataset:
     coords: dict[str, Any] = {}
     if (parcels := spray.parcels) is not None:
         _places(coords, "parcel", parcels.position_m)
-        for name, unit in (
-            ("diameter_m", "m"),
-            ("droplets", "1"),
-            ("temperature_K", "K"),
-            ("density_kg_m3", "kg m-3"),
-        ):
+        for name, unit in zip(PARCEL_LIMITS, ("m", "1", "K", "kg m-3"), strict=True):
             about = _units(f"{name.partition('_')[0]} of a parcel", unit)
             variables[f"parcel_{name}"] = ("parcel", getattr(parcels, name), about)
         if parcels.velocity_m_s is not None:
@@ -315,11 +307,10 @@ def _labelled(spray: Spray) -> xarray.Dataset:
         warm = _units("temperature of the gas", "K") | {"standard_name": "air_temperature"}
         variables["vapour_temperature_K"] = ("cell", vapour.temperature_K, warm)
     if (prescribed := spray.prescribed) is not None:
-        for name in ("vapour_absorption", "droplet_absorption", "droplet_scattering"):
-            values = getattr(prescribed, f"{name}_per_m")
-            variables[f"{name}_per_m"] = ("cell", values, _units(name.replace("_", ": "), "m-1"))
-        for name in ("vapour_temperature_K", "droplet_temperature_K"):
-            about = _units(f"temperature of the {name.partition('_')[0]}", "K")
+        for name in PRESCRIBED_LIMITS:
+            phase, quantity = name.split("_")[:2]
+            kelvin, per_m = _units(f"temperature of the {phase}", "K"), f"{phase}: {quantity}"
+            about = kelvin if quantity == "temperature" else _units(per_m, "m-1")
             variables[name] = ("cell", getattr(prescribed, name), about)
     attrs: dict[str, Any] = {"Conventions": "CF-1.11", "title": "cldit: spray", **spray.notes}
     if spray.vapour is not None:

@@ -27,7 +27,7 @@ from cldit.io.free_memory import free_bytes
 from cldit.io.origin import FileRead
 from cldit.io.progress import Watch, silent
 from cldit.spray.extent import Box, Cloud, Extent
-from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from cldit.spray.result import PARCEL_LIMITS, Cells, Parcels, Spray, Vapour
 
 LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
@@ -44,7 +44,7 @@ UNREADABLE = (
     MemoryError,  # of a shape in a damaged header
     RuntimeError,  # a flag or method that zipfile does not support, in a damaged file
 )
-_PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
+_PARCELS = ("position_m", *PARCEL_LIMITS)
 _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
 
 

@@ -35,7 +35,7 @@ def temperature_of(gas: GasMixture, share: Floats, enthalpy_J_kg: Floats) -> Flo
         middle = 0.5 * (low + high)
         above = gas.enthalpy_J_kg(share, middle) > enthalpy_J_kg
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return 0.5 * (low + high)
+    return np.asarray(0.5 * (low + high))
 
 
 def as_device(device: Device, real: type[np.floating], width: int) -> Device:

@@ -91,7 +91,7 @@ class Cloud:
         shared = self._arguments(spec, property_table(fuel, carrier), droplets, birth)
         defines: dict[str, Define] = {
             "SIMD_WIDTH": self._width,
-            **MODELS.get(spec.evaporation, inert).defines,
+            "EVAPORATION": MODELS.get(spec.evaporation, inert).function,
             "GAS_REAL": "double" if fields.real is np.float64 else "float",
             **fixed_point_defines(self.device),
         }

@@ -178,8 +178,7 @@ def filled(
         }
         if count:
             program.launch("vapour_lattice", tuple(shape[::-1]), (32, 1, 1), arguments)
-        voxel = download(device, voxels, np.empty((*shape, 2), np.float32))
-        fillings.append(voxel.astype(float))
+        fillings.append(download(device, voxels, np.empty((*shape, 2), np.float32)).astype(float))
     return fillings
 
 
