@@ -1,7 +1,7 @@
 """Types of arrays, by their elements; results that are kept as long as arrays exist."""
 
 import weakref
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,13 +14,6 @@ Mask = NDArray[np.bool_]
 Reals = NDArray[np.floating]  # of the precision of a device or a file
 _T = TypeVar("_T")
 _KEPT: dict[Hashable, Any] = {}
-_CACHED = 1 << 16  # numbers of an array, half a megabyte: a few of them stay in a core's cache
-
-
-def parts(count: int) -> Iterator[slice]:
-    """Consecutive parts of `count` elements, for element-wise work in the cache."""
-    for begin in range(0, count, _CACHED):
-        yield slice(begin, min(begin + _CACHED, count))
 
 
 def kept(arrays: tuple[NDArray[Any], ...], key: Hashable, make: Callable[[], _T]) -> _T:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from cldit.arrays import Floats, parts
+from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.spray.extent import Cloud
 from cldit.spray.result import Parcels, Spray
@@ -28,6 +28,7 @@ _WIDEST = 0.5  # largest standard deviation of a kernel, over that of all parcel
 # two independent errors.
 SAMPLING = 2.0 ** -(1 / 2 + 1 / 3)
 _ROUND = 0.1  # isotropic share of the covariance, which 16 neighbours overestimate lengthwise
+_AT_ONCE = 100_000  # parcels whose neighbours are in memory together
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ class Kernel:
         limit = _WIDEST**2 * float(places.var(axis=0).sum())
         tree = scipy.spatial.cKDTree(places)
         moved, covariance = np.empty_like(places), np.empty((len(places), 3, 3))
-        for part in parts(len(places)):
+        for start in range(0, len(places), _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
             neighbours = places[tree.query(places[part], count, workers=-1)[1]]
             mean = neighbours.mean(axis=1)
             offset = neighbours - mean[:, None]

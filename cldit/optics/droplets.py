@@ -21,9 +21,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from cldit.arrays import Floats, parts
+from cldit.arrays import Floats
 from cldit.errors import DropletError
 from cldit.io.content import code_digest
+from cldit.io.free_memory import parts
 from cldit.io.tables import Arrays, cached
 from cldit.optics import mie
 from cldit.spray.sizes import FREE_DROP_M

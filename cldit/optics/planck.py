@@ -20,8 +20,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cldit.arrays import Floats, Ints, parts
+from cldit.arrays import Floats, Ints
 from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
+from cldit.io.free_memory import parts
 from cldit.optics.response import Filter, cut, edges_um
 
 _REACH = 50.0  # in x beyond the long edge: exp(-50) = 2e-22 of the integrand is left

@@ -41,7 +41,6 @@ def read_grid(spec: GridSpray) -> Spray:
     coefficients = [name for name in PRESCRIBED_LIMITS if name.endswith("_per_m")]
     present = {name: arrays[name].reshape(-1) for name in PRESCRIBED_LIMITS if name in arrays}
     filled = [present[name] > 0.0 for name in coefficients if name in present]
-    size = math.prod(shape)
     index = np.flatnonzero(np.any(filled, axis=0)) if filled else np.empty(0, np.int64)
     cells = Cells.regular(
         origin_m=arrays["origin_m"], spacing_m=arrays["spacing_m"], shape=shape, index=index
@@ -50,7 +49,7 @@ def read_grid(spec: GridSpray) -> Spray:
     chosen = {
         name: present[name][index] if name in present else zeros for name in PRESCRIBED_LIMITS
     }
-    notes = {"voxels": float(size), "voxels_filled": float(len(index))}
+    notes = {"voxels": float(math.prod(shape)), "voxels_filled": float(len(index))}
     notes |= {f"{name}_max": float(chosen[name].max(initial=0.0)) for name in coefficients}
     return Spray(prescribed=Prescribed(cells, **chosen), notes=notes)
 
@@ -71,12 +70,16 @@ def _checked_shape(path: Path, arrays: dict[str, Floats]) -> tuple[int, int, int
     if not present:
         names = ", ".join(PRESCRIBED_LIMITS)
         raise SprayError(f"{path}: no (nx, ny, nz) array; allowed: {names}")
-    first, shape = present[0], arrays[present[0]].shape
+    leading, shape = present[0], arrays[present[0]].shape
     if len(shape) != 3 or 0 in shape:
-        raise SprayError(f"{path}: {first}: shape {shape}, expected (nx, ny, nz), each at least 1")
+        raise SprayError(
+            f"{path}: {leading}: shape {shape}, expected (nx, ny, nz), each at least 1"
+        )
     for name in present:
         if arrays[name].shape != shape:
-            raise SprayError(f"{path}: {name}: shape {arrays[name].shape}, but {first} has {shape}")
+            raise SprayError(
+                f"{path}: {name}: shape {arrays[name].shape}, but {leading} has {shape}"
+            )
         _check(f"{path}: {name}", arrays[name], *PRESCRIBED_LIMITS[name])
     for temperature, absorption in _EMITTERS.items():
         largest = float(np.max(arrays.get(absorption, 0.0)))

@@ -126,9 +126,9 @@ class Parcels:
 
     def take(self, chosen: Mask) -> Parcels:
         """Some of the parcels, chosen (N,)."""
+        columns = {name: getattr(self, name)[chosen] for name in ("position_m", *PARCEL_LIMITS)}
         return Parcels(
-            self.position_m[chosen],
-            *(getattr(self, name)[chosen] for name in PARCEL_LIMITS),
+            **columns,
             extent=None if self.extent is None else self.extent.of(chosen),
             velocity_m_s=None if self.velocity_m_s is None else self.velocity_m_s[chosen],
         )

@@ -150,7 +150,7 @@ def _gamma(sizes: NukiyamaTanasawa | RosinRammler) -> tuple[float, float, float]
 def _weighted(
     sizes: NukiyamaTanasawa | RosinRammler, by: Weight
 ) -> tuple[float, float, float, float]:
-    """Those, and the shape of the Gamma distribution; SprayError if the number is infinite."""
+    """Parameters, and shape of the Gamma distribution; SprayError if the number is infinite."""
     m_um, n, p = _gamma(sizes)
     shape = (p + 1 + _POWER[by]) / n
     if shape <= 0:

@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cldit.arrays import Floats, Ints, parts
+from cldit.arrays import Floats, Ints
 from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
+from cldit.io.free_memory import parts
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     NITROGEN,

@@ -98,16 +98,16 @@ def shell_factors(grid: RayGrid, vapour: Floats) -> Floats:
     azimuth, polar, radius = (
         _HalfCells(faces) for faces in (grid.azimuth, grid.polar, grid.radius_m)
     )
-    around = np.diff(grid.azimuth) if grid.ring else azimuth.integrals(np.ones_like)
-    angles = around[:, None] * polar.integrals(np.sin) * grid.copies
+    azimuthal = np.diff(grid.azimuth) if grid.ring else azimuth.integrals(np.ones_like)
+    angles = azimuthal[:, None] * polar.integrals(np.sin) * grid.copies
     along = np.tensordot(angles, vapour, 2)
     low, high, part = radius.low, radius.high, radius.part
     shell = radius.weight * radius.place**2 * ((1 - part) * along[low] + part * along[high])
     content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
     factor = np.ones(len(along))
     for _ in range(_ROUNDS):
-        here = shell * ((1 - part) * factor[low] + part * factor[high])
-        summed = np.bincount(radius.cell, here, len(along))
+        amount = shell * ((1 - part) * factor[low] + part * factor[high])
+        summed = np.bincount(radius.cell, amount, len(along))
         factor *= np.divide(content, summed, out=np.ones_like(factor), where=summed > 0)
     return factor
 
