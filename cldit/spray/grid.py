@@ -70,16 +70,12 @@ def _checked_shape(path: Path, arrays: dict[str, Floats]) -> tuple[int, int, int
     if not present:
         names = ", ".join(PRESCRIBED_LIMITS)
         raise SprayError(f"{path}: no (nx, ny, nz) array; allowed: {names}")
-    leading, shape = present[0], arrays[present[0]].shape
+    field, shape = present[0], arrays[present[0]].shape
     if len(shape) != 3 or 0 in shape:
-        raise SprayError(
-            f"{path}: {leading}: shape {shape}, expected (nx, ny, nz), each at least 1"
-        )
+        raise SprayError(f"{path}: {field}: shape {shape}, expected (nx, ny, nz), each at least 1")
     for name in present:
         if arrays[name].shape != shape:
-            raise SprayError(
-                f"{path}: {name}: shape {arrays[name].shape}, but {leading} has {shape}"
-            )
+            raise SprayError(f"{path}: {name}: shape {arrays[name].shape}, but {field} has {shape}")
         _check(f"{path}: {name}", arrays[name], *PRESCRIBED_LIMITS[name])
     for temperature, absorption in _EMITTERS.items():
         largest = float(np.max(arrays.get(absorption, 0.0)))
