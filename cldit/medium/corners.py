@@ -18,8 +18,7 @@ from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.gpu.buffers import Numbers, upload
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
-from cldit.medium.lattice import TOLERANCE
+from cldit.medium.frame import TOLERANCE, Frame
 
 BITS = 31  # of the cube's edge
 _OUTSIDE = 1e-9  # share of the cube's edge by which rounding may place a corner outside

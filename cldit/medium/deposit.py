@@ -12,10 +12,15 @@ from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.corners import BITS, Corners, refuse
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
-from cldit.medium.rasterise import FACE, BoxRasteriser, CloudRasteriser, Rasteriser, deposit_program
+from cldit.medium.rasterise import (
+    FACE,
+    BoxRasteriser,
+    CloudRasteriser,
+    Rasteriser,
+    deposit_program,
+    parts_of,
+)
 from cldit.spray.extent import Box, Extent
-
-_PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposition: about 60 bytes a pair
 
 
 @dataclass(frozen=True)
@@ -71,13 +76,8 @@ class PlacedBoxes:
         """Yields chunks of (box, finest cell (N, 3), share of the box in it); shares sum to 1."""
         begin, count = self.span()
         pairs = np.prod(count, axis=1)
-        ends = np.cumsum(pairs)
-        start = 0
-        while start < len(pairs):
-            done = ends[start - 1] if start else 0
-            stop = max(start + 1, int(np.searchsorted(ends, done + _PAIRS_AT_ONCE, "right")))
-            yield self._chunk(start, stop, begin, count, pairs)
-            start = stop
+        for part in parts_of(pairs):
+            yield self._chunk(part.start, part.stop, begin, count, pairs)
 
     def _chunk(
         self, start: int, stop: int, begin: Ints, count: Ints, pairs: Ints

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 BRICK = 8  # cells along a brick's edge; the kernels use the same number
 CELLS_PER_BRICK = BRICK**3
+TOLERANCE = 1e-5  # in cells: largest distance of a box from its place on a lattice
 
 
 @dataclass(frozen=True)

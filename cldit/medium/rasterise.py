@@ -22,7 +22,7 @@ REACH = 6.0**0.5  # half the width of a cloud's profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
 FACE = 1e-6  # in cells: a box that reaches over a face by less does not touch the next cell
 _LANES = 2**16  # work-items of few boxes
-_LAYERS_AT_ONCE = 4_000_000  # bounds the memory of the lists: 30 bytes a layer
+_AT_ONCE = 4_000_000  # layers of clouds, or pairs of box and cell, of 30 to 60 bytes each
 _SUMS_AT_ONCE = 2**19  # that are converted while they are in the cache
 _Counts = NDArray[np.int32]
 _SUM_BYTES = 2**30  # of the sums on the device; at least one kind is added at a time
@@ -141,7 +141,7 @@ class CloudRasteriser(Rasteriser):
 
     def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
         count = (self.last - self.first + 1)[self.order]
-        for part in _parts(count):
+        for part in parts_of(count):
             chosen = self.order[part]
             yield chosen, self._listed(chosen, count[part])
 
@@ -192,13 +192,13 @@ class BoxRasteriser(Rasteriser):
             )
 
 
-def _parts(layers: NDArray[np.signedinteger]) -> Iterator[slice]:
-    """Parts of clouds with so many layers (N,), each of at most `_LAYERS_AT_ONCE` in all."""
-    ends = np.cumsum(layers, dtype=np.int64)
+def parts_of(counts: NDArray[np.signedinteger]) -> Iterator[slice]:
+    """Parts of objects with so many items (N,), each of at most `_AT_ONCE` in all."""
+    ends = np.cumsum(counts, dtype=np.int64)
     start = 0
-    while start < len(layers):
+    while start < len(counts):
         done = ends[start - 1] if start else 0
-        stop = max(start + 1, int(np.searchsorted(ends, done + _LAYERS_AT_ONCE, "right")))
+        stop = max(start + 1, int(np.searchsorted(ends, done + _AT_ONCE, "right")))
         yield slice(start, stop)
         start = stop
 

@@ -15,8 +15,7 @@ import numpy as np
 from cldit.arrays import Floats, Mask
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
-from cldit.medium.frame import BRICK, Frame
-from cldit.medium.lattice import TOLERANCE
+from cldit.medium.frame import BRICK, TOLERANCE, Frame
 from cldit.medium.octree import Sources, placed_sources
 from cldit.medium.rasterise import REACH
 from cldit.spray.extent import Box, Cloud

@@ -23,12 +23,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cldit.arrays import Floats
 from cldit.errors import DropletError
+from cldit.io.content import code_digest
+from cldit.io.free_memory import parts
 from cldit.io.tables import Arrays, cached
 from cldit.optics import mie
+from cldit.spray.sizes import FREE_DROP_M
 
 SMALLEST_M = 0.05e-6
 LARGEST_M = 500e-6
-_HUGE_M = 5e-3  # free drops of fuel break up below this
 POINTWISE_K = 0.002  # from this k on, entries are values at single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
 FEW = 256  # different diameters that are solved one by one below it
@@ -40,8 +42,6 @@ _SHARP = 0.0005  # ... on, and below, where resonances are narrower still
 _MOST_SAMPLES = 6e5  # 2 span n / k of a mean at n = 1.4 and k = 1e-7, see `resolved`
 _SECOND_PROGRAM = 1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
 _NOTHING = 1e-9  # efficiency below which a droplet is as good as absent, as at n = 1, k = 0
-_FORM = 4  # version of kept tables
-_AT_ONCE = 50_000  # diameters, whose steps stay in the cache
 
 
 @dataclass(frozen=True)
@@ -82,14 +82,13 @@ class DropletTable:
             bad = d[~((d > 0) & (d <= self.largest_m))].reshape(-1)[0]
             raise DropletError(
                 f"droplet diameter: {bad:g} m is outside 0..{self.largest_m:g} m, the range of "
-                f"the Mie table for {self.wavelength_um:g} um; allowed: up to {_HUGE_M:g} m, and "
-                f"to a size parameter of {mie.SIZE_PARAMETERS[1]:g}"
+                f"the Mie table for {self.wavelength_um:g} um; allowed: up to {FREE_DROP_M:g} m, "
+                f"and to a size parameter of {mie.SIZE_PARAMETERS[1]:g}"
             )
         results = [np.empty(d.shape) for _ in columns]
-        flat, parts = d.reshape(-1), [result.reshape(-1) for result in results]
-        for start in range(0, d.size, _AT_ONCE):
-            part = slice(start, start + _AT_ONCE)
-            for target, values in zip(parts, self._looked_up(flat[part], columns), strict=True):
+        flat, targets = d.reshape(-1), [result.reshape(-1) for result in results]
+        for part in parts(d.size):
+            for target, values in zip(targets, self._looked_up(flat[part], columns), strict=True):
                 target[part] = values
         return results
 
@@ -152,13 +151,12 @@ def droplet_table(
     end_m, end = LARGEST_M, ""
     if largest_m > LARGEST_M:
         largest_x = mie.SIZE_PARAMETERS[1] * np.exp(-2 * AVERAGED)  # means reach beyond the end
-        end_m = float(min(_HUGE_M, largest_x * wavelength_um * 1e-6 / np.pi))
+        end_m = float(min(FREE_DROP_M, largest_x * wavelength_um * 1e-6 / np.pi))
         end = f" {end_m!r}"
     arrays = cached(
         cache,
         kind="mie",
-        description=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}"
-        f"{end}",
+        description=f"{code_digest('optics')} {wavelength_um!r} {n!r} {k!r}{end}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, end_m=end_m),
     )
     start, step = (float(value) for value in arrays["axis"])

@@ -89,23 +89,18 @@ def _chunk(rising: Floats) -> int:
     return max(1, min(limit, alike))
 
 
-@dataclass(frozen=True)
-class _Series:
-    """Coefficients a_n, b_n and Re a - |a|^2 + Re b - |b|^2 by order and sphere, (terms, S)."""
-
-    a: Complex
-    b: Complex
-    absorbed: Floats
+_Series = tuple[Complex, Complex, Floats]
+"""Coefficients a_n, b_n and Re a - |a|^2 + Re b - |b|^2 by order and sphere, (terms, S)."""
 
 
 def _sums(series: _Series, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    a, b = series.a, series.b
+    a, b, absorbed = series
     order = np.arange(1, len(a) + 1)[:, None]
     front = 2.0 / (x * x)
     double = 2 * order + 1
     q_ext = front * np.sum(double * (a + b).real, axis=0)
     q_sca = front * np.sum(double * (np.abs(a) ** 2 + np.abs(b) ** 2), axis=0)
-    q_abs = front * np.sum(double * series.absorbed, axis=0)
+    q_abs = front * np.sum(double * absorbed, axis=0)
     n = order[:-1]
     next_to = (a[:-1] * a[1:].conj() + b[:-1] * b[1:].conj()).real * (n * (n + 2) / (n + 1))
     same = (a * b.conj()).real * (double / (order * (order + 1)))
@@ -121,8 +116,7 @@ def coefficients(*, n: float, k: float, x: Floats) -> tuple[Complex, Complex]:
 
     The size parameters `x` (S,) should be similar.
     """
-    series = _solve(n=n, k=k, x=x)
-    return series.a, series.b
+    return _solve(n=n, k=k, x=x)[:2]
 
 
 def _inner(m: complex, x: Floats, highest: int) -> Complex:
@@ -179,7 +173,7 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
     beyond = np.arange(1, highest + 1)[:, None] > count
     for values in (a, b, absorbed):
         values[beyond] = 0.0
-    return _Series(a, b, absorbed)
+    return a, b, absorbed
 
 
 def _absorbed(matched: Complex, wave: Complex) -> Floats:

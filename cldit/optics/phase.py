@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
 from cldit.errors import DropletError
+from cldit.io.content import code_digest
 from cldit.io.tables import Arrays, cached
 from cldit.optics import mie
+from cldit.optics.droplets import SMALLEST_M
 
-SMALLEST_M = 0.05e-6
 _SIZES = 192  # steps of 0.048 in ln d, from 0.05 um to 500 um
 _WITHIN = 8  # samples from one size of the table to the next
 _FEWEST = 181  # cosines, one a degree in the mean
-_FORM = 1  # version of kept tables
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def phase_table(
     arrays = cached(
         cache,
         kind="phase",
-        description=f"{_FORM} {_SIZES} {_WITHIN} {wavelength_um!r} {n!r} {k!r} {largest_m!r}",
+        description=f"{code_digest('optics')} {wavelength_um!r} {n!r} {k!r} {largest_m!r}",
         make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, largest_m=largest_m),
     )
     names = ("diameter_m", "cosine", "weights", "density_per_sr", "scattering_m2")

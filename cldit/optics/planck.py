@@ -22,10 +22,10 @@ from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats, Ints
 from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
+from cldit.io.free_memory import parts
 from cldit.optics.response import Filter, cut, edges_um
 
 _REACH = 50.0  # in x beyond the long edge: exp(-50) = 2e-22 of the integrand is left
-_CHUNK = 1 << 16  # temperatures at a time: at up to 49 nodes each array has 26 MB
 _SPAN = (1e-8, 2000.0)  # x of the inverse's table; float64 radiance ends near x = 850
 _NODES = 16384  # cubic Hermite: (26 / 16384)^4 * 6 / 384 = 1e-13
 _FEW = 4096  # temperatures that are integrated one by one; more are read from a table
@@ -147,8 +147,8 @@ def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> Fl
         out[np.isposinf(flat)] = 2.0 * LIGHT_SPEED_m_s / SECOND_RADIATION_CONSTANT_m_K * steep
     usable = np.flatnonzero(np.isfinite(flat) & (flat > 0.0))
     tabulated = usable.size > _FEW
-    for begin in range(0, usable.size, _CHUNK):
-        part = usable[begin : begin + _CHUNK]
+    for chosen in parts(usable.size):  # at up to 49 nodes each array has 26 MB
+        part = usable[chosen]
         # At a subnormal temperature x overflows to infinity; a picokelvin has B = 0 as well.
         positive_K = np.maximum(flat[part], 1e-12)
         log_band, power = (

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats, Ints, Mask
 from cldit.constants import AVOGADRO_PER_MOL
 from cldit.medium.deposit import PlacedBoxes
-from cldit.medium.lattice import Lattice
 from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray, Vapour
 
@@ -48,21 +47,23 @@ class Sightlines:
     @classmethod
     def through(cls, spray: Spray, *, width_m: float) -> "Sightlines":
         """Lines through a spray with fuel, along beams of `width_m`, or wider for a large spray."""
-        gas, drops = _Gas.of(spray.vapour), _Drops.of(spray.parcels)
+        gas, drops = _Content.gas(spray.vapour), _Content.droplets(spray.parcels)
         beams = Beams.around(
             np.concatenate([gas.lower_m, drops.lower_m]),
             np.concatenate([gas.upper_m, drops.upper_m]),
             width_m=width_m,
         )
-        vapour, warm = beams.columns(gas.lower_m, gas.upper_m, [gas.mol, gas.mol * gas.kelvin])
-        bounds, diameter = _sizes(drops.diameter_m, drops.area_m2)
+        vapour, warm = beams.columns(
+            gas.lower_m, gas.upper_m, [gas.amount, gas.amount * gas.kelvin]
+        )
+        bounds, diameter = _sizes(drops.diameter_m, drops.amount)
         number = np.searchsorted(bounds, drops.diameter_m)
         *classes, drops_warm = beams.columns(
             drops.lower_m,
             drops.upper_m,
             [
-                *(np.where(number == size, drops.area_m2, 0.0) for size in range(len(diameter))),
-                drops.area_m2 * drops.kelvin,
+                *(np.where(number == size, drops.amount, 0.0) for size in range(len(diameter))),
+                drops.amount * drops.kelvin,
             ],
         )
         wet = sum(classes, np.zeros_like(vapour))
@@ -138,30 +139,17 @@ class Beams:
             for total, amount in zip(sums, amounts, strict=True):
                 total += np.bincount(cell, amount[points], len(total))
         if not np.all(points):
-            boxes = PlacedBoxes(lower[~points], upper[~points])
-            self._share(boxes, [amount[~points] for amount in amounts], sums)
+            contents = [amount[~points] for amount in amounts]
+            for box, cell, share in PlacedBoxes(lower[~points], upper[~points]).overlaps():
+                place = self._place(cell)
+                for total, content in zip(sums, contents, strict=True):
+                    total += np.bincount(place, content[box] * share, len(total))
         area = self.pitch_m[0] * self.pitch_m[2]
         return [
             np.ascontiguousarray(total.reshape(nz, ny, nx).transpose(2, 0, 1)).reshape(-1, ny)
             / area
             for total in sums
         ]
-
-    def _share(self, boxes: PlacedBoxes, amounts: list[Floats], sums: list[Floats]) -> None:
-        """Adds every amount, uniform in its box, to sums in [z, y, x]."""
-        nx, ny, nz = self.shape
-        lattice = Lattice.of(boxes.lower, boxes.upper)
-        if lattice is None:
-            for box, cell, share in boxes.overlaps():
-                place = self._place(cell)
-                for total, amount in zip(sums, amounts, strict=True):
-                    total += np.bincount(place, amount[box] * share, len(total))
-            return
-        x, y = lattice.first[:2]
-        for z, planes in lattice.layers(amounts):
-            for total, plane in zip(sums, planes, strict=True):
-                rows, columns = plane.shape
-                total.reshape(nz, ny, nx)[z, y : y + rows, x : x + columns] += plane
 
     def _place(self, cell: NDArray[np.generic]) -> Ints:
         """Flat indices (N,) in [z, y, x] of cells (N, 3), clipped to the beams."""
@@ -170,46 +158,42 @@ class Beams:
 
 
 @dataclass(frozen=True)
-class _Gas:
-    """Cells with fuel: corners (N, 3), moles and temperature (N,)."""
+class _Content:
+    """Cells or parcels: corners (N, 3) of boxes with uniform content, equal for points; moles or
+    cross section, temperature, and diameter of droplets, (N,)."""
 
     lower_m: Floats
     upper_m: Floats
-    mol: Floats
+    amount: Floats
     kelvin: Floats
-
-    @classmethod
-    def of(cls, vapour: Vapour | None) -> "_Gas":
-        if vapour is None:
-            return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-        mol = vapour.number_density_m3 * vapour.cells.volume_m3 / AVOGADRO_PER_MOL
-        held = mol > 0
-        cells = vapour.cells
-        return cls(cells.lower_m[held], cells.upper_m[held], mol[held], vapour.temperature_K[held])
-
-
-@dataclass(frozen=True)
-class _Drops:
-    """Parcels with droplets: corners (N, 3) of boxes with uniform content, equal for points; cross
-    section, diameter and temperature (N,)."""
-
-    lower_m: Floats
-    upper_m: Floats
-    area_m2: Floats
     diameter_m: Floats
-    kelvin: Floats
 
     @classmethod
-    def of(cls, parcels: Parcels | None) -> "_Drops":
+    def gas(cls, vapour: Vapour | None) -> "_Content":
+        """Cells with fuel."""
+        if vapour is None:
+            return cls(*np.zeros((2, 0, 3)), *np.zeros((3, 0)))
+        cells = vapour.cells
+        mol = vapour.number_density_m3 * cells.volume_m3 / AVOGADRO_PER_MOL
+        held = mol > 0
+        return cls(
+            cells.lower_m[held],
+            cells.upper_m[held],
+            mol[held],
+            vapour.temperature_K[held],
+            np.zeros(0),
+        )
+
+    @classmethod
+    def droplets(cls, parcels: Parcels | None) -> "_Content":
+        """Parcels with droplets."""
         if parcels is None:
-            return cls(np.zeros((0, 3)), np.zeros((0, 3)), *np.zeros((3, 0)))
+            return cls(*np.zeros((2, 0, 3)), *np.zeros((3, 0)))
         area = parcels.droplets * parcels.diameter_m**2 * (np.pi / 4.0)
         held = area > 0
-        at = parcels.position_m[held]
-        half = _half_edges(parcels, held)
-        return cls(
-            at - half, at + half, area[held], parcels.diameter_m[held], parcels.temperature_K[held]
-        )
+        at, half = parcels.position_m[held], _half_edges(parcels, held)
+        kelvin, diameter_m = parcels.temperature_K[held], parcels.diameter_m[held]
+        return cls(at - half, at + half, area[held], kelvin, diameter_m)
 
 
 def _half_edges(parcels: Parcels, held: Mask) -> Floats:

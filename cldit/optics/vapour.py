@@ -30,9 +30,6 @@ from cldit.io.plain_data import parse_yaml
 
 Status = Literal["measured", "estimate", "user"]
 
-HEPTANE_AREA_KM_MOL = 503.0  # rule of Williams et al., JQSRT 129, 298 (2013); RadCal's is 761
-RADCAL_HEPTANE_AREA_KM_MOL = 761.0
-
 _DATA = "cldit.optics.data"
 _PREFIX = "vapour-"
 _SAMPLES = 4000  # wavelengths over a filter

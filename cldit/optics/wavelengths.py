@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.errors import OpticsError
+from cldit.io.content import code_digest
 from cldit.io.tables import Arrays, cached, digest
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
@@ -40,7 +41,6 @@ Groups = NDArray[np.intp]
 MOST_NODES = 24  # unless the scene asks for more
 PAPER_UM = (3.3, 3.5)  # filter of the paper, whose constants are means over it
 _NEAR_UM = 0.1  # beyond that filter the C-H band has other constants
-_FORM = 7  # version of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 
 
@@ -201,7 +201,7 @@ def _content(
     where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
     per_K = kelvin_per_emissivity(scene)
     further = (scene.walls.temperature_K, scene.domain.leaf_m, asymmetry)
-    return f"{_FORM} {where!r} {further!r} {per_K!r} {digest(*arrays)}"
+    return f"{code_digest('optics')} {where!r} {further!r} {per_K!r} {digest(*arrays)}"
 
 
 def _light(spectrum: Spectrum, filter_um: Filter, reference_K: float) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,21 +11,14 @@ from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.scene.spray import GridSpray
-from cldit.spray.result import Cells, Prescribed, Spray
+from cldit.spray.result import PRESCRIBED_LIMITS, Cells, Prescribed, Spray
 from cldit.spray.spray_file import UNREADABLE, check_members
 
-_COEFFICIENTS = (
-    "vapour_absorption_per_m",
-    "droplet_absorption_per_m",
-    "droplet_scattering_per_m",
-)
 _EMITTERS = {
     "vapour_temperature_K": "vapour_absorption_per_m",
     "droplet_temperature_K": "droplet_absorption_per_m",
 }
-_TEMPERATURES = tuple(_EMITTERS)
 _VECTORS = {"origin_m": (-100.0, 100.0), "spacing_m": (1e-9, 100.0)}
-_NAMES = (*_VECTORS, *_COEFFICIENTS, *_TEMPERATURES)
 
 
 def read_grid(spec: GridSpray) -> Spray:
@@ -43,63 +37,54 @@ def read_grid(spec: GridSpray) -> Spray:
             is missing. The message names file and array.
     """
     arrays = _load(spec.file)
-    unknown = sorted(set(arrays) - set(_NAMES))
-    if unknown:
-        raise SprayError(f"{spec.file}: unknown array {unknown[0]}; allowed: {', '.join(_NAMES)}")
-    for name, (low, high) in _VECTORS.items():
-        if name not in arrays:
-            raise SprayError(f"{spec.file}: {name} is missing; expected three numbers")
-        if arrays[name].shape != (3,):
-            raise SprayError(f"{spec.file}: {name}: shape {arrays[name].shape}, expected (3,)")
-        _check(f"{spec.file}: {name}", arrays[name], low=low, high=high)
-
-    present = {name: arrays[name] for name in _NAMES if name in arrays and name not in _VECTORS}
-    if not present:
-        raise SprayError(
-            f"{spec.file}: no (nx, ny, nz) array; allowed: "
-            f"{', '.join((*_COEFFICIENTS, *_TEMPERATURES))}"
-        )
-    first_name, leading = next(iter(present.items()))
-    if leading.ndim != 3 or leading.size == 0:
-        raise SprayError(
-            f"{spec.file}: {first_name}: shape {leading.shape}, expected (nx, ny, nz), each at "
-            "least 1"
-        )
-    filled = np.zeros(leading.size, dtype=bool)
-    for name, values in present.items():
-        if values.shape != leading.shape:
-            raise SprayError(
-                f"{spec.file}: {name}: shape {values.shape}, but {first_name} has {leading.shape}"
-            )
-        high = 5000.0 if name.endswith("_K") else 1e12
-        _check(f"{spec.file}: {name}", values, low=0.0, high=high)
-        if name in _COEFFICIENTS:
-            filled |= values.reshape(-1) > 0.0
-    for temperature, absorption in _EMITTERS.items():
-        largest = float(np.max(present.get(absorption, 0.0)))
-        if temperature not in present and largest > 0.0:
-            raise SprayError(
-                f"{spec.file}: {temperature} is missing, but {absorption} is up to {largest:g}; "
-                f"expected temperatures of shape {leading.shape}"
-            )
-
-    index = np.flatnonzero(filled)
-    nx, ny, nz = leading.shape
+    shape = _checked_shape(spec.file, arrays)
+    coefficients = [name for name in PRESCRIBED_LIMITS if name.endswith("_per_m")]
+    present = {name: arrays[name].reshape(-1) for name in PRESCRIBED_LIMITS if name in arrays}
+    filled = [present[name] > 0.0 for name in coefficients if name in present]
+    index = np.flatnonzero(np.any(filled, axis=0)) if filled else np.empty(0, np.int64)
     cells = Cells.regular(
-        origin_m=arrays["origin_m"],
-        spacing_m=arrays["spacing_m"],
-        shape=(nx, ny, nz),
-        index=index,
+        origin_m=arrays["origin_m"], spacing_m=arrays["spacing_m"], shape=shape, index=index
     )
     zeros = np.zeros(len(index))
-    kept = {
-        name: present[name].reshape(-1)[index] if name in present else zeros
-        for name in (*_COEFFICIENTS, *_TEMPERATURES)
+    chosen = {
+        name: present[name][index] if name in present else zeros for name in PRESCRIBED_LIMITS
     }
-    notes = {"voxels": float(leading.size), "voxels_filled": float(len(index))}
-    for name in _COEFFICIENTS:
-        notes[f"{name}_max"] = float(kept[name].max(initial=0.0))
-    return Spray(prescribed=Prescribed(cells, **kept), notes=notes)
+    notes = {"voxels": float(math.prod(shape)), "voxels_filled": float(len(index))}
+    notes |= {f"{name}_max": float(chosen[name].max(initial=0.0)) for name in coefficients}
+    return Spray(prescribed=Prescribed(cells, **chosen), notes=notes)
+
+
+def _checked_shape(path: Path, arrays: dict[str, Floats]) -> tuple[int, int, int]:
+    """Shape of the grid; raises SprayError as `read_grid` if an array is not as it says."""
+    allowed = (*_VECTORS, *PRESCRIBED_LIMITS)
+    unknown = sorted(set(arrays) - set(allowed))
+    if unknown:
+        raise SprayError(f"{path}: unknown array {unknown[0]}; allowed: {', '.join(allowed)}")
+    for name, limits in _VECTORS.items():
+        if name not in arrays:
+            raise SprayError(f"{path}: {name} is missing; expected three numbers")
+        if arrays[name].shape != (3,):
+            raise SprayError(f"{path}: {name}: shape {arrays[name].shape}, expected (3,)")
+        _check(f"{path}: {name}", arrays[name], *limits)
+    present = [name for name in PRESCRIBED_LIMITS if name in arrays]
+    if not present:
+        names = ", ".join(PRESCRIBED_LIMITS)
+        raise SprayError(f"{path}: no (nx, ny, nz) array; allowed: {names}")
+    field, shape = present[0], arrays[present[0]].shape
+    if len(shape) != 3 or 0 in shape:
+        raise SprayError(f"{path}: {field}: shape {shape}, expected (nx, ny, nz), each at least 1")
+    for name in present:
+        if arrays[name].shape != shape:
+            raise SprayError(f"{path}: {name}: shape {arrays[name].shape}, but {field} has {shape}")
+        _check(f"{path}: {name}", arrays[name], *PRESCRIBED_LIMITS[name])
+    for temperature, absorption in _EMITTERS.items():
+        largest = float(np.max(arrays.get(absorption, 0.0)))
+        if temperature not in present and largest > 0.0:
+            raise SprayError(
+                f"{path}: {temperature} is missing, but {absorption} is up to {largest:g}; "
+                f"expected temperatures of shape {shape}"
+            )
+    return shape
 
 
 def _load(path: Path) -> dict[str, Floats]:
@@ -122,7 +107,7 @@ def _load(path: Path) -> dict[str, Floats]:
     return {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in raw.items()}
 
 
-def _check(label: str, values: Floats, *, low: float, high: float) -> None:
+def _check(label: str, values: Floats, low: float, high: float) -> None:
     inside = (values >= low) & (values <= high)  # false for NaN too
     if not inside.all():
         bad = np.unravel_index(int(np.argmin(inside)), values.shape)

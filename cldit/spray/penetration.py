@@ -12,16 +12,11 @@ from cldit.spray.result import Parcels, Spray
 SHARES_PERCENT = (90, 95, 99)
 
 
-def penetration_m(parcels: Parcels, share: float) -> float:
-    """Depth below the nozzle, along the axis, above which a share of the liquid mass is.
+def penetrations_m(parcels: Parcels, shares: Sequence[float]) -> tuple[float, ...]:
+    """Depths below the nozzle, along the axis, above which shares of the liquid mass are.
 
     The ECN uses the share 0.95, others 0.90 or 0.99. The parcels must have some mass.
     """
-    return penetrations_m(parcels, (share,))[0]
-
-
-def penetrations_m(parcels: Parcels, shares: Sequence[float]) -> tuple[float, ...]:
-    """Penetrations of several shares, see `penetration_m`, by one sort."""
     depth, mass = -parcels.position_m[:, 2], parcels.masses_kg
     # Size classes that share a box are consecutive, so the sort has each box once.
     starts = np.append(0, np.flatnonzero(depth[1:] != depth[:-1]) + 1)

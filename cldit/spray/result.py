@@ -5,6 +5,7 @@ Positions are in the project's frame: injector tip at the origin, injector axis 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,26 @@ if TYPE_CHECKING:
     import xarray
 
 
+# Root of g^4 = g + 1: the generalised golden ratio of three dimensions (Roberts, 2018).
+PLASTIC = 1.2207440846057596
+Limits = Mapping[str, tuple[float, float]]
+_KELVIN, _PER_METRE = (0.0, 5000.0), (0.0, 1e12)
+PARCEL_LIMITS: Limits = {
+    "diameter_m": (1e-9, 1e-2),
+    "droplets": (0.0, 1e18),
+    "temperature_K": _KELVIN,
+    "density_kg_m3": (1.0, 1e5),
+}
+_VAPOUR_LIMITS: Limits = {"number_density_m3": (0.0, 1e32), "temperature_K": _KELVIN}
+PRESCRIBED_LIMITS: Limits = {
+    "vapour_absorption_per_m": _PER_METRE,
+    "droplet_absorption_per_m": _PER_METRE,
+    "droplet_scattering_per_m": _PER_METRE,
+    "vapour_temperature_K": _KELVIN,
+    "droplet_temperature_K": _KELVIN,
+}
+
+
 def _checked(label: str, values: Floats, *, low: float, high: float) -> None:
     if not values.size or low <= values.min() <= values.max() <= high:
         return  # comparisons are false for NaN
@@ -31,6 +52,15 @@ def _checked(label: str, values: Floats, *, low: float, high: float) -> None:
     raise SprayError(
         f"{label}: {values.reshape(-1)[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
     )
+
+
+def _check_columns(data: object, label: str, count: int, limits: Limits) -> None:
+    """Checks that the columns named in `limits` are (count,) and within their limits."""
+    for name, (low, high) in limits.items():
+        values = getattr(data, name)
+        if values.shape != (count,):
+            raise SprayError(f"{label}{name}: shape {values.shape}, expected ({count},)")
+        _checked(f"{label}{name}", values, low=low, high=high)
 
 
 @dataclass(frozen=True)
@@ -58,23 +88,13 @@ class Parcels:
             )
         if self.position_m.shape != (count, 3):
             raise SprayError(f"parcels.position_m: shape {self.position_m.shape}, expected (N, 3)")
-        limits = {
-            "diameter_m": (1e-9, 1e-2),
-            "droplets": (0.0, 1e18),
-            "temperature_K": (0.0, 5000.0),
-            "density_kg_m3": (1.0, 1e5),
-        }
         _checked("parcels.position_m", self.position_m, low=-1e3, high=1e3)
         if self.velocity_m_s is not None:
             if self.velocity_m_s.shape != (count, 3):
                 shape = self.velocity_m_s.shape
                 raise SprayError(f"parcels.velocity_m_s: shape {shape}, expected ({count}, 3)")
             _checked("parcels.velocity_m_s", self.velocity_m_s, low=-1e4, high=1e4)
-        for name, (low, high) in limits.items():
-            values = getattr(self, name)
-            if values.shape != (count,):
-                raise SprayError(f"parcels.{name}: shape {values.shape}, expected ({count},)")
-            _checked(f"parcels.{name}", values, low=low, high=high)
+        _check_columns(self, "parcels.", count, PARCEL_LIMITS)
 
     @property
     def masses_kg(self) -> Floats:
@@ -106,14 +126,11 @@ class Parcels:
 
     def take(self, chosen: Mask) -> Parcels:
         """Some of the parcels, chosen (N,)."""
+        columns = {name: getattr(self, name)[chosen] for name in ("position_m", *PARCEL_LIMITS)}
         return Parcels(
-            self.position_m[chosen],
-            self.diameter_m[chosen],
-            self.droplets[chosen],
-            self.temperature_K[chosen],
-            self.density_kg_m3[chosen],
-            None if self.extent is None else self.extent.of(chosen),
-            None if self.velocity_m_s is None else self.velocity_m_s[chosen],
+            **columns,
+            extent=None if self.extent is None else self.extent.of(chosen),
+            velocity_m_s=None if self.velocity_m_s is None else self.velocity_m_s[chosen],
         )
 
     def points_m(self) -> Floats:
@@ -124,43 +141,9 @@ class Parcels:
         """
         if not isinstance(self.extent, Box):
             return self.position_m
-        # Root of g^4 = g + 1: the generalised golden ratio of three dimensions (Roberts, 2018).
-        steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+        steps = PLASTIC ** -np.arange(1.0, 4.0)
         place = (0.5 + np.arange(len(self.position_m))[:, None] * steps) % 1.0
         return np.asarray(self.position_m + (place - 0.5) * self.extent.edge_m)
-
-
-@dataclass(frozen=True)
-class RegularGrid:
-    """Positions of cells on a regular grid, so that a user of them may treat the axes separately.
-
-    origin_m (3,) is the lower corner of the grid, spacing_m (3,) the edges of a voxel, `shape`
-    the number of voxels along x, y and z; `index` (N,) is the flat index of each cell in that
-    shape, in C order.
-    """
-
-    origin_m: Floats
-    spacing_m: Floats
-    shape: tuple[int, int, int]
-    index: Ints
-
-    def __post_init__(self) -> None:
-        if self.origin_m.shape != (3,) or self.spacing_m.shape != (3,):
-            raise SprayError(
-                f"grid: origin_m and spacing_m of shape {self.origin_m.shape} and "
-                f"{self.spacing_m.shape}, expected (3,)"
-            )
-        _checked("grid.origin_m", self.origin_m, low=-1e3, high=1e3)
-        _checked("grid.spacing_m", self.spacing_m, low=1e-9, high=1e3)
-        if len(self.shape) != 3 or min(self.shape) < 1:
-            raise SprayError(f"grid.shape: {self.shape}, expected three counts of at least 1")
-        if self.index.ndim != 1:
-            raise SprayError(f"grid.index: shape {self.index.shape}, expected (N,)")
-        if self.index.size and not 0 <= self.index.min() <= self.index.max() < np.prod(self.shape):
-            raise SprayError(
-                f"grid.index: {self.index.min()} to {self.index.max()} is outside "
-                f"0..{np.prod(self.shape) - 1}"
-            )
 
 
 @dataclass(frozen=True)
@@ -168,12 +151,11 @@ class Cells:
     """Axis-aligned boxes, lower_m and upper_m (N, 3), that contain the gas.
 
     `volume_m3` (N,) is the volume of a cell; a cell that is not a box is represented by a box of
-    the same volume and centroid. `grid` is given if the cells are on a regular grid.
+    the same volume and centroid.
     """
 
     lower_m: Floats
     upper_m: Floats
-    grid: RegularGrid | None = None
 
     def __post_init__(self) -> None:
         if self.lower_m.shape != self.upper_m.shape or self.lower_m.shape[1:] != (3,):
@@ -186,10 +168,6 @@ class Cells:
         if np.any(self.upper_m <= self.lower_m):
             bad = int(np.argmax(np.any(self.upper_m <= self.lower_m, axis=1)))
             raise SprayError(f"cells: cell {bad} has no volume")
-        if self.grid is not None and len(self.grid.index) != len(self.lower_m):
-            raise SprayError(
-                f"cells.grid: {len(self.grid.index)} places for {len(self.lower_m)} cells"
-            )
 
     @classmethod
     def regular(
@@ -206,17 +184,13 @@ class Cells:
             origin_m, spacing_m: (3,) lower corner of the grid, and size of a voxel.
             shape: number of voxels along x, y, z.
             index: (N,) flat indices of the voxels, in C order; None: all.
-
-        Raises:
-            SprayError: as for `RegularGrid`.
         """
         if index is None:
             index = np.arange(np.prod(shape), dtype=np.int64)
-        grid = RegularGrid(origin_m, spacing_m, shape, index)
         corner = np.stack(np.unravel_index(index, shape), axis=1).astype(np.float64)
         # Both faces from the same product, so that those of neighbours are bit-identical.
         lower = origin_m + corner * spacing_m
-        return cls(lower, origin_m + (corner + 1.0) * spacing_m, grid)
+        return cls(lower, origin_m + (corner + 1.0) * spacing_m)
 
     @property
     def volume_m3(self) -> Floats:
@@ -234,13 +208,7 @@ class Vapour:
     molar_mass_kg_mol: float
 
     def __post_init__(self) -> None:
-        for name, high in (("number_density_m3", 1e32), ("temperature_K", 5000.0)):
-            values = getattr(self, name)
-            if values.shape != (len(self.cells.lower_m),):
-                raise SprayError(
-                    f"vapour.{name}: shape {values.shape}, expected ({len(self.cells.lower_m)},)"
-                )
-            _checked(f"vapour.{name}", values, low=0.0, high=high)
+        _check_columns(self, "vapour.", len(self.cells.lower_m), _VAPOUR_LIMITS)
 
     @property
     def masses_kg(self) -> Floats:
@@ -267,20 +235,7 @@ class Prescribed:
     droplet_temperature_K: Floats
 
     def __post_init__(self) -> None:
-        for name in (
-            "vapour_absorption_per_m",
-            "droplet_absorption_per_m",
-            "droplet_scattering_per_m",
-            "vapour_temperature_K",
-            "droplet_temperature_K",
-        ):
-            high = 5000.0 if name.endswith("_K") else 1e12
-            values = getattr(self, name)
-            if values.shape != (len(self.cells.lower_m),):
-                raise SprayError(
-                    f"{name}: shape {values.shape}, expected ({len(self.cells.lower_m)},)"
-                )
-            _checked(name, values, low=0.0, high=high)
+        _check_columns(self, "", len(self.cells.lower_m), PRESCRIBED_LIMITS)
 
 
 @dataclass(frozen=True)
@@ -335,12 +290,7 @@ def _labelled(spray: Spray) -> xarray.Dataset:
     coords: dict[str, Any] = {}
     if (parcels := spray.parcels) is not None:
         _places(coords, "parcel", parcels.position_m)
-        for name, unit in (
-            ("diameter_m", "m"),
-            ("droplets", "1"),
-            ("temperature_K", "K"),
-            ("density_kg_m3", "kg m-3"),
-        ):
+        for name, unit in zip(PARCEL_LIMITS, ("m", "1", "K", "kg m-3"), strict=True):
             about = _units(f"{name.partition('_')[0]} of a parcel", unit)
             variables[f"parcel_{name}"] = ("parcel", getattr(parcels, name), about)
         if parcels.velocity_m_s is not None:
@@ -357,11 +307,10 @@ def _labelled(spray: Spray) -> xarray.Dataset:
         warm = _units("temperature of the gas", "K") | {"standard_name": "air_temperature"}
         variables["vapour_temperature_K"] = ("cell", vapour.temperature_K, warm)
     if (prescribed := spray.prescribed) is not None:
-        for name in ("vapour_absorption", "droplet_absorption", "droplet_scattering"):
-            values = getattr(prescribed, f"{name}_per_m")
-            variables[f"{name}_per_m"] = ("cell", values, _units(name.replace("_", ": "), "m-1"))
-        for name in ("vapour_temperature_K", "droplet_temperature_K"):
-            about = _units(f"temperature of the {name.partition('_')[0]}", "K")
+        for name in PRESCRIBED_LIMITS:
+            phase, quantity = name.split("_")[:2]
+            kelvin, per_m = _units(f"temperature of the {phase}", "K"), f"{phase}: {quantity}"
+            about = kelvin if quantity == "temperature" else _units(per_m, "m-1")
             variables[name] = ("cell", getattr(prescribed, name), about)
     attrs: dict[str, Any] = {"Conventions": "CF-1.11", "title": "cldit: spray", **spray.notes}
     if spray.vapour is not None:

@@ -21,6 +21,7 @@ from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasa
 Sizes = NukiyamaTanasawa | Monodisperse | LogNormal | RosinRammler | Histogram
 Weight = Literal["number", "mass"]
 
+FREE_DROP_M = 5e-3  # a larger free drop of fuel breaks up
 _POWER = {"number": 0, "mass": 3}
 
 
@@ -78,10 +79,7 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
         power = _POWER[by] + 1
         powers = np.interp(shares * below[-1], below, edges**power)
         return np.asarray(powers ** (1 / power) * 1e-6)
-    m_um, n, p = _gamma(sizes)
-    shape = (p + 1 + _POWER[by]) / n
-    if shape <= 0:
-        raise SprayError(f"Rosin-Rammler with q = {n:g}: the number of droplets is infinite")
+    m_um, n, _, shape = _weighted(sizes, by)
     return np.asarray(m_um * 1e-6 * gammaincinv(shape, shares) ** (1 / n))
 
 
@@ -106,8 +104,7 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
         below = np.interp(bounds**3, corners**3, surface)
         mass = _running(sizes, 3)[1][-1]
         return np.asarray(mass / (count * np.diff(below)) * 1e-6)
-    m_um, n, p = _gamma(sizes)
-    shape = (p + 4) / n
+    m_um, n, _, shape = _weighted(sizes, "mass")
     surface_below = gammainc(shape - 1 / n, gammaincinv(shape, edges))
     total = np.exp(gammaln(shape - 1 / n) - gammaln(shape))
     return np.asarray(m_um * 1e-6 / (count * total * np.diff(surface_below)))
@@ -137,10 +134,7 @@ def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
             deviation = (np.log(d) - middle) / spread
             density = np.exp(-0.5 * deviation**2) / (d * spread * np.sqrt(2 * np.pi))
             return np.asarray(np.where(d > 0, density, 0.0))
-        m_um, n, p = _gamma(sizes)
-        shape = (p + 1 + power) / n
-        if shape <= 0:
-            raise SprayError(f"Rosin-Rammler with q = {n:g}: the number of droplets is infinite")
+        m_um, n, p, shape = _weighted(sizes, by)
         relative = d / (m_um * 1e-6)
         form = relative ** (p + power) * np.exp(-(relative**n))
         return np.asarray(form * n / (m_um * 1e-6 * np.exp(gammaln(shape))))
@@ -151,6 +145,17 @@ def _gamma(sizes: NukiyamaTanasawa | RosinRammler) -> tuple[float, float, float]
     if isinstance(sizes, RosinRammler):
         return sizes.d_um, sizes.q, sizes.q - 4
     return sizes.m_um, sizes.n, sizes.p
+
+
+def _weighted(
+    sizes: NukiyamaTanasawa | RosinRammler, by: Weight
+) -> tuple[float, float, float, float]:
+    """Parameters, and shape of the Gamma distribution; SprayError if the number is infinite."""
+    m_um, n, p = _gamma(sizes)
+    shape = (p + 1 + _POWER[by]) / n
+    if shape <= 0:
+        raise SprayError(f"Rosin-Rammler with q = {n:g}: the number of droplets is infinite")
+    return m_um, n, p, shape
 
 
 def _running(sizes: Histogram, power: int) -> tuple[Floats, Floats]:

@@ -4,9 +4,7 @@ Arrays: `parcels/position_m`, `parcels/diameter_m`, ...; `parcels/box_m` (3,) if
 `parcels/covariance_m2` if they are clouds, `parcels/velocity_m_s` if it is known;
 `vapour/lower_m`, `vapour/upper_m`, `vapour/number_density_m3`, `vapour/temperature_K`; and `about`,
 a JSON text with the version of the layout, the molar mass, the fuel, notes, remarks and the files
-read. Cells of a regular grid also have `vapour/grid_origin_m`, `vapour/grid_spacing_m`,
-`vapour/grid_shape` and `vapour/grid_index`.
-The file is written atomically.
+read. Other arrays are ignored. The file is written atomically.
 """
 
 from __future__ import annotations
@@ -16,8 +14,10 @@ import lzma
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.errors import FileError, SprayError
@@ -27,11 +27,10 @@ from cldit.io.free_memory import free_bytes
 from cldit.io.origin import FileRead
 from cldit.io.progress import Watch, silent
 from cldit.spray.extent import Box, Cloud, Extent
-from cldit.spray.result import Cells, Parcels, RegularGrid, Spray, Vapour
+from cldit.spray.result import PARCEL_LIMITS, Cells, Parcels, Spray, Vapour
 
 LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
-_EFFORT = 1  # of zlib: level 6 takes five times as long, for a tenth of the size
 _CORNERS = ("vapour/lower_m", "vapour/upper_m")  # shrink to a ninth; the rest hardly does
 _AT_ONCE = 1 << 22  # bytes between two reports of progress
 UNREADABLE = (
@@ -45,7 +44,7 @@ UNREADABLE = (
     MemoryError,  # of a shape in a damaged header
     RuntimeError,  # a flag or method that zipfile does not support, in a damaged file
 )
-_PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
+_PARCELS = ("position_m", *PARCEL_LIMITS)
 _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
 
 
@@ -62,48 +61,15 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
     """
     if path.suffix != ".npz":
         raise SprayError(f"{path}: cldit's own file ends in .npz")
-    about: dict[str, object] = {
-        "layout": LAYOUT,
-        "notes": spray.notes,
-        "remarks": list(spray.remarks),
-        "files": [file.to_dict() for file in spray.files],
-        "fuel": spray.fuel,
-    }
-    arrays: dict[str, Floats] = {}
-    if spray.parcels is not None:
-        arrays |= {f"parcels/{name}": getattr(spray.parcels, name) for name in _PARCELS}
-        if spray.parcels.velocity_m_s is not None:
-            arrays["parcels/velocity_m_s"] = spray.parcels.velocity_m_s
-        match spray.parcels.extent:
-            case Box(edge_m):
-                arrays["parcels/box_m"] = edge_m
-            case Cloud(covariance_m2):
-                arrays["parcels/covariance_m2"] = covariance_m2
-    if spray.vapour is not None:
-        about["molar_mass_kg_mol"] = spray.vapour.molar_mass_kg_mol
-        arrays |= {
-            "vapour/lower_m": spray.vapour.cells.lower_m,
-            "vapour/upper_m": spray.vapour.cells.upper_m,
-            "vapour/number_density_m3": spray.vapour.number_density_m3,
-            "vapour/temperature_K": spray.vapour.temperature_K,
-        }
-        if (grid := spray.vapour.cells.grid) is not None:
-            arrays |= {
-                "vapour/grid_origin_m": grid.origin_m,
-                "vapour/grid_spacing_m": grid.spacing_m,
-                "vapour/grid_shape": np.array(grid.shape, dtype=float),
-                "vapour/grid_index": grid.index.astype(float),
-            }
+    members = _members(spray)
+    size, done = sum(values.nbytes for values in members.values()), 0
     try:
         with (
             whole(path) as part,
             DataStream(part) as stream,
-            zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=_EFFORT) as archive,
+            zipfile.ZipFile(stream, "w", compresslevel=zlib.Z_BEST_SPEED) as archive,
         ):
-            members = {"about": np.array(json.dumps(about)), **arrays}
-            size, done = sum(values.nbytes for values in members.values()), 0
-            for name, array in members.items():
-                values = np.asarray(array, order="C")
+            for name, values in members.items():
                 shrinks = name in _CORNERS
                 archive.compression = zipfile.ZIP_DEFLATED if shrinks else zipfile.ZIP_STORED
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
@@ -119,16 +85,32 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
         raise SprayError(f"{path}: cannot be written ({error})") from error
 
 
-def _grid(arrays: dict[str, Floats]) -> RegularGrid | None:
-    if "vapour/grid_shape" not in arrays:
-        return None
-    x, y, z = (int(count) for count in arrays["vapour/grid_shape"])
-    return RegularGrid(
-        arrays["vapour/grid_origin_m"],
-        arrays["vapour/grid_spacing_m"],
-        (x, y, z),
-        arrays["vapour/grid_index"].astype(np.int64),
-    )
+def _members(spray: Spray) -> dict[str, NDArray[Any]]:
+    """Arrays of the file by name, in C order."""
+    about: dict[str, object] = {
+        "layout": LAYOUT,
+        "notes": spray.notes,
+        "remarks": list(spray.remarks),
+        "files": [file.to_dict() for file in spray.files],
+        "fuel": spray.fuel,
+    }
+    arrays: dict[str, NDArray[Any]] = {}
+    if (parcels := spray.parcels) is not None:
+        arrays |= {f"parcels/{name}": getattr(parcels, name) for name in _PARCELS}
+        if parcels.velocity_m_s is not None:
+            arrays["parcels/velocity_m_s"] = parcels.velocity_m_s
+        match parcels.extent:
+            case Box(edge_m):
+                arrays["parcels/box_m"] = edge_m
+            case Cloud(covariance_m2):
+                arrays["parcels/covariance_m2"] = covariance_m2
+    if (vapour := spray.vapour) is not None:
+        about["molar_mass_kg_mol"] = vapour.molar_mass_kg_mol
+        cells = vapour.cells.lower_m, vapour.cells.upper_m
+        values = (*cells, vapour.number_density_m3, vapour.temperature_K)
+        arrays |= {f"vapour/{name}": array for name, array in zip(_VAPOUR, values, strict=True)}
+    members = {"about": np.array(json.dumps(about)), **arrays}
+    return {name: np.asarray(array, order="C") for name, array in members.items()}
 
 
 def _extent(arrays: dict[str, Floats]) -> Extent | None:
@@ -189,8 +171,9 @@ def read_spray(path: Path) -> Spray:
             parcels = Parcels(**values, extent=_extent(arrays), velocity_m_s=velocity)
         if any(name.startswith("vapour/") for name in arrays):
             lower, upper, number, temperature = (arrays[f"vapour/{name}"] for name in _VAPOUR)
-            cells = Cells(lower, upper, _grid(arrays))
-            vapour = Vapour(cells, number, temperature, float(about["molar_mass_kg_mol"]))
+            vapour = Vapour(
+                Cells(lower, upper), number, temperature, float(about["molar_mass_kg_mol"])
+            )
         notes = {str(name): float(value) for name, value in about["notes"].items()}
         remarks = tuple(map(str, about["remarks"]))
         files = tuple(FileRead.from_dict(entry) for entry in about.get("files", []))

@@ -18,16 +18,9 @@ def parcel_points(parcels: Parcels) -> Points:
 
     Fields: diameter_m, temperature_K, droplets (their number), density_kg_m3, mass_kg.
     """
-    return Points(
-        parcels.points_m(),
-        {
-            "diameter_m": parcels.diameter_m,
-            "temperature_K": parcels.temperature_K,
-            "droplets": parcels.droplets,
-            "density_kg_m3": parcels.density_kg_m3,
-            "mass_kg": parcels.masses_kg,
-        },
-    )
+    names = ("diameter_m", "temperature_K", "droplets", "density_kg_m3")
+    fields = {name: getattr(parcels, name) for name in names}
+    return Points(parcels.points_m(), {**fields, "mass_kg": parcels.masses_kg})
 
 
 def write_vtk(spray: Spray, folder: Path) -> list[Path]:

@@ -2,9 +2,10 @@
 
    The field is linear between the middles of the cells, so a shell of cells would have another content
    than its cells. It is multiplied by a factor with one value for each shell, which is linear in the
-   radius in the same way: a factor with steps would be seen as rings. */
+   radius in the same way: a factor with steps would be seen as rings. So is the product of density and
+   temperature: the mean temperature of the vapour is that of the cells, and steps from cell to cell where
+   the vapour falls to a hundredth, as at the head of a jet. */
 
-#include "fixed_point.h"
 #include "spray/ray_place.h"
 
 #define NEAR R(8) /* voxels from the tip, within which plumes may be narrower than a voxel */
@@ -25,27 +26,14 @@ INLINE int reaches(
     return cosine >= cosines[shell].x - slack && cosine <= cosines[shell].y + slack;
 }
 
-/* Length along the ray of the cells at the distance `far`: points farther apart would miss shells, whose
-   factors have no bound then. */
-INLINE real length_of_shell(real far, const Rays *rays)
-{
-    __global const real *along = rays->faces + rays->azimuths + rays->polars + 2;
-    int low, step;
-    real part;
-    const int shell = between(along, rays->radii, far, &low, &step, &part);
-    return along[shell + 1] - along[shell];
-}
-
 /* warmth: product of density and temperature. factor: of each shell. lattice: lower corner, and the edge
-   of a voxel. without: a box of voxels with a lattice of its own. scale: of the sums; 0: none are wanted.
-   shells: three sums of each shell, the vapour in it by the weights of the factors of the shell below, its
-   own, and the one above; added to. voxels: mass, and mean temperature by mass. */
+   of a voxel. without: a box of voxels with a lattice of its own. voxels: mass, and mean temperature by
+   mass. */
 __kernel void vapour_lattice(
     __global const GAS_REAL *restrict fuel, __global const GAS_REAL *restrict warmth,
     const real least_density, __global const real2 *restrict cosines,
     __global const real *restrict factor, const real4 lattice, const int4 shape,
-    const int4 without_from, const int4 without_to, const real scale, __global long *shells,
-    __global real2 *voxels, RAYS_ARGUMENTS)
+    const int4 without_from, const int4 without_to, __global real2 *voxels, RAYS_ARGUMENTS)
 {
     const int k = get_global_id(0), j = get_global_id(1), i = get_global_id(2);
     if (k >= shape.z) return;
@@ -58,9 +46,8 @@ __kernel void vapour_lattice(
     const real3 middle = (real3)(i + R(0.5), j + R(0.5), k + R(0.5)) * spacing + lattice.xyz;
     const real far = root(middle.x * middle.x + middle.y * middle.y + middle.z * middle.z);
     if (!reaches(middle, far, spacing, cosines, &rays)) return;
-    int points = far <= NEAR * spacing ? 6 : far < MIDDLE * spacing ? 2 : 1;
-    points = larger(points, (int)(spacing / length_of_shell(far, &rays) + R(0.99)));
-    if (points > 1 && points < 6) { /* the middle of an empty voxel shows it */
+    const int points = far <= NEAR * spacing ? 6 : far < MIDDLE * spacing ? 2 : 1;
+    if (points == 2) { /* the middle of an empty voxel shows it */
         const Place at = place_of(middle, &rays);
         if (!at.inside || gathered(fuel, &at) < R(0.1) * least_density) return;
     }
@@ -76,14 +63,9 @@ __kernel void vapour_lattice(
         if (!at.inside || r2 < nose * nose) continue;
         const real density = gathered(fuel, &at);
         if (density < least_density) continue;
-        const int low = (at.cell - GUARD) % stride, own = (at.nearest - GUARD) % stride;
-        const real w = at.part[2], vapour = density * volume;
-        const real share = vapour * ((R(1) - w) * factor[low] + w * factor[low + at.jump[2]]);
-        if (scale > R(0)) {
-            __global long *sum = shells + 3 * own + 1 + low - own;
-            add_fixed(sum, vapour * (R(1) - w), scale);
-            add_fixed(sum + at.jump[2], vapour * w, scale);
-        }
+        const int low = (at.cell - GUARD) % stride;
+        const real w = at.part[2];
+        const real share = density * volume * ((R(1) - w) * factor[low] + w * factor[low + at.jump[2]]);
         mass += share;
         heat += share * gathered(warmth, &at) / density;
     }

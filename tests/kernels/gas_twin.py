@@ -23,6 +23,21 @@ PRESSURE_Pa, TEMPERATURE_K = 0.6e6, 570.0
 JUNK = 3.0  # of padded cells: finite, and of the size of the fields
 
 
+def pressure_of(gas: GasMixture, density: Floats, fuel: Floats, kelvin: Floats) -> Floats:
+    """Pressure from the densities of the mixture and of the vapour in it."""
+    return np.asarray(((density - fuel) * gas.carrier_J_kg_K + fuel * gas.vapour_J_kg_K) * kelvin)
+
+
+def temperature_of(gas: GasMixture, share: Floats, enthalpy_J_kg: Floats) -> Floats:
+    """Temperature at an enthalpy, by bisection in the range of the fits."""
+    low, high = np.full(share.shape, 150.0), np.full(share.shape, 1200.0)
+    for _ in range(60):  # down to rounding
+        middle = 0.5 * (low + high)
+        above = gas.enthalpy_J_kg(share, middle) > enthalpy_J_kg
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return np.asarray(0.5 * (low + high))
+
+
 def as_device(device: Device, real: type[np.floating], width: int) -> Device:
     """The device as one of this precision and SIMD width: CPUs have 8, all others 1."""
     kind = "cpu" if width == 8 else "gpu"

@@ -146,7 +146,7 @@ def test_parts_make_the_whole(device: Device, monkeypatch: pytest.MonkeyPatch) -
     """Bits do not depend on the parts in which clouds and kinds are added, nor on their order."""
     place, covariance, amount = clouds(60)
     whole = deposited(device, place, covariance, amount)
-    monkeypatch.setattr(rasterise, "_LAYERS_AT_ONCE", 40)
+    monkeypatch.setattr(rasterise, "_AT_ONCE", 40)
     monkeypatch.setattr(rasterise, "_SUM_BYTES", 1)
     monkeypatch.setattr(rasterise, "_SUMS_AT_ONCE", 1000)
     turned = np.random.default_rng(1).permutation(60)

@@ -16,8 +16,10 @@ from .gas_twin import (
     get,
     launch,
     mixture,
+    pressure_of,
     put,
     sums_of,
+    temperature_of,
 )
 
 
@@ -37,8 +39,8 @@ def test_sources(gas_flow: GasFlow) -> None:
         put(flow, name, planes)
     launch(flow, "sources", "source_pressure")
     heavy, vapour = density + amounts[0], share * density + amounts[0]
-    warm = gas.temperature_K(vapour / heavy, (enthalpy + amounts[1]) / heavy, kelvin)
-    own = gas.pressure_Pa(density=heavy, fuel=vapour, temperature_K=warm)
+    warm = temperature_of(gas, vapour / heavy, (enthalpy + amounts[1]) / heavy)
+    own = pressure_of(gas, heavy, vapour, warm)
     rise = np.where(amounts[0] > 0, own / PRESSURE_Pa - 1 - amiss, 0.0)
     # Enthalpies are sums of terms that cancel about the reference temperature.
     assert_close(flow.read("rise"), rise, real, roundings=300)
@@ -76,7 +78,7 @@ def test_the_state_after_a_step(gas_flow: GasFlow) -> None:
         put(flow, name, planes)
     launch(flow, "state", "finish")
     density = after / volume
-    own = volume * gas.pressure_Pa(density=density, fuel=share * density, temperature_K=kelvin)
+    own = volume * pressure_of(gas, density, share * density, kelvin)
     assert_close(flow.read("velocity"), (velocity * carried + force) / after, real)
     # Three steps of Newton's method from 50 K away leave less than 1e-6 K; single precision of the
     # enthalpy, 1e5 J/kg of cp 1e3, rounds by 1e-5 K, summed over the terms.

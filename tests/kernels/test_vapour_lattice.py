@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.constants import AVOGADRO_PER_MOL
 from cldit.gpu.device import Device
 from cldit.scene.spray import EIGHT_PLUMES, FlowBox, LagrangianSpray, Plume
 from cldit.spray.droplet.fluids import Fuel, fuel_table, gas_table
@@ -14,7 +15,7 @@ from cldit.spray.flow.injector import inject
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.ray_choice import ray_grid
 from cldit.spray.flow.rays import RayGrid
-from cldit.spray.flow.sampled import Filling, Lattice, lattices_of, sampled
+from cldit.spray.flow.sampled import Lattice, filled, lattices_of, sampled
 from cldit.spray.result import Vapour
 
 Floats = NDArray[np.float64]
@@ -26,7 +27,6 @@ KINDS = {
         Plume(inclination_deg=40.0, azimuth_deg=150.0, mass_fraction=2.0),
     ),
 }
-_AVOGADRO = 6.02214076e23
 
 
 def fuel() -> Fuel:
@@ -107,12 +107,11 @@ def test_voxels_are_means_of_the_linear_field(jet: tuple[str, GasFlow]) -> None:
     vapour, temperature = flow.read("fuel"), flow.read("temperature")
     least = 1e-7 * float(vapour.max())
     factor = np.random.default_rng(1).uniform(0.5, 1.5, flow.grid.shape[2])
-    filling = Filling(flow, vapour, threshold=least)
     axis = _axis(KINDS[name][0])
     for far_m, edge_m, points in ((20e-3, 0.3e-3, 1), (6e-3, 0.3e-3, 2), (0.8e-3, 0.25e-3, 6)):
         corner = far_m * axis - 5 * edge_m
         lattice = Lattice(corner, edge_m, np.array([9, 10, 11]), np.array([[2, 3, 4], [5, 6, 7]]))
-        found = filling.fill(lattice, factor)
+        (found,) = filled(flow, vapour, [lattice], factor, threshold=least)
         steps = (np.arange(points) + 0.5) / points - 0.5
         parts = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 1, 3)
         index = np.stack(np.meshgrid(*map(np.arange, (9, 10, 11)), indexing="ij"), -1)
@@ -137,38 +136,46 @@ def test_voxels_are_means_of_the_linear_field(jet: tuple[str, GasFlow]) -> None:
 
 def _mass_kg(vapour: Vapour) -> Floats:
     edge = vapour.cells.upper_m[:, 0] - vapour.cells.lower_m[:, 0]
-    return np.asarray(vapour.number_density_m3 * edge**3 * vapour.molar_mass_kg_mol / _AVOGADRO)
+    return np.asarray(
+        vapour.number_density_m3 * edge**3 * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL
+    )
+
+
+def _content_kg(flow: GasFlow) -> Floats:
+    grid = flow.grid
+    return np.asarray(np.sum(flow.read("fuel") * grid.volume_m3, axis=(0, 1)) * grid.copies)
 
 
 def test_the_content_is_kept(jet: tuple[str, GasFlow]) -> None:
-    """All of it to 1e-3, and that of each shell of 1 % or more to 5 %: voxels of half a
-    millimetre lie across shells of one."""
+    """All of it but 2e-5 in negligible voxels, and within each shell to 1 %: voxels of half a
+    millimetre, of forty along the jet, lie across its face."""
     flow = jet[1]
     vapour = sampled(flow, fuel())
     assert vapour is not None
-    mass, grid = _mass_kg(vapour), flow.grid
-    assert mass.sum() == pytest.approx(flow.fuel_kg, rel=1e-3)
+    mass = _mass_kg(vapour)
+    assert mass.sum() == pytest.approx(flow.fuel_kg, rel=1e-4)
     far = np.linalg.norm((vapour.cells.lower_m + vapour.cells.upper_m) / 2, axis=1)
-    found = np.histogram(far, grid.radius_m, weights=mass)[0]
-    content = np.sum(flow.read("fuel") * grid.volume_m3, axis=(0, 1)) * grid.copies
-    many = content > 0.01 * content.sum()
-    np.testing.assert_allclose(found[many], content[many], rtol=0.05)
+    within = np.cumsum(np.histogram(far, flow.grid.radius_m, weights=mass)[0]) / mass.sum()
+    expected = np.cumsum(_content_kg(flow)) / flow.fuel_kg
+    np.testing.assert_allclose(within, expected, atol=0.01)
 
 
-def test_shells_thinner_than_voxels(device: Device) -> None:
-    """Shells of 0.25 mm along a row of voxels of 0.5 mm: the content to 1e-3, and that of every
-    millimetre, two voxels, to 5 %. Points that miss shells make 1.25 and 2.2 times as much."""
-    flow = flow_of(device, "down", 0.25e-3)
+@pytest.mark.parametrize("spacing_m", [0.25e-3, 2e-3])
+def test_a_jet_along_the_lattice_has_no_rings(device: Device, spacing_m: float) -> None:
+    """Shells thinner and thicker than voxels: the density on the axis falls with the share of
+    vapour, which is 0.2 up to 20 mm and less beyond. Rises are 1.2 and 0.5 %, what
+    voxels of unequal size see of the narrow jet; with factors from sums over voxels they were 2.3
+    and 13 %."""
+    flow = flow_of(device, "down", spacing_m)
     vapour = sampled(flow, fuel())
     assert vapour is not None
-    mass, grid = _mass_kg(vapour), flow.grid
-    assert mass.sum() == pytest.approx(flow.fuel_kg, rel=1e-3)
-    far = np.linalg.norm((vapour.cells.lower_m + vapour.cells.upper_m) / 2, axis=1)
-    content = np.sum(flow.read("fuel") * grid.volume_m3, axis=(0, 1)) * grid.copies
-    ends_m = np.linspace(14e-3, 26e-3, 13)
-    found = np.histogram(far, ends_m, weights=mass)[0]
-    expected = np.histogram(grid.middle[2], ends_m, weights=content)[0]
-    np.testing.assert_allclose(found, expected, rtol=0.05)
+    middle = (vapour.cells.lower_m + vapour.cells.upper_m) / 2
+    axis = (np.abs(middle[:, :2]) < 0.3e-3).all(axis=1) & (middle[:, 2] < -11e-3)
+    axis &= (middle[:, :2] > 0).all(axis=1) & (middle[:, 2] > -34e-3)
+    order = np.flatnonzero(axis)[np.argsort(-middle[axis, 2])]
+    assert len(order) > 40
+    density = vapour.number_density_m3[order]
+    assert np.max(density[1:] / density[:-1]) < 1.02
 
 
 def test_lattices_contain_all_and_not_the_tip(jet: tuple[str, GasFlow]) -> None:

@@ -44,7 +44,7 @@ BUDGETS: dict[str, int] = {
     "run": 2750,
     "scene": 2250,
     "show": 7000,
-    "spray": 6500,
+    "spray": 6250,
     "study": 3500,
     "testing": 1500,
     "transport": 8000,

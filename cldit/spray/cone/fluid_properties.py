@@ -115,16 +115,11 @@ class IdealGas:
     cold: tuple[float, float, float, float, float]
     hot: tuple[float, float, float, float, float]
 
-    @property
-    def gas_constant_J_kg_K(self) -> float:
-        """Universal gas constant over the molar mass."""
-        return GAS_CONSTANT_J_mol_K / self.molar_mass_kg_mol
-
     def cp_J_kg_K(self, temperature_K: ArrayLike) -> Floats:
         """Heat capacity at constant pressure, any shape; constant below `low_K`."""
         t = np.maximum(np.asarray(temperature_K, dtype=float), self.low_K)
         ratio = np.where(t < self.mid_K, _horner(self.cold, t), _horner(self.hot, t))
-        return np.asarray(ratio * self.gas_constant_J_kg_K)
+        return np.asarray(ratio * (GAS_CONSTANT_J_mol_K / self.molar_mass_kg_mol))
 
     def enthalpy_J_kg(self, temperature_K: ArrayLike) -> Floats:
         """Enthalpy, zero at `mid_K`; any shape."""
@@ -132,7 +127,7 @@ class IdealGas:
         held = np.maximum(t, self.low_K)
         rise = np.where(held < self.mid_K, self._heat(self.cold, held), self._heat(self.hot, held))
         cold = (t - held) * self.cp_J_kg_K(self.low_K)
-        return np.asarray(rise * self.gas_constant_J_kg_K + cold)
+        return np.asarray(rise * (GAS_CONSTANT_J_mol_K / self.molar_mass_kg_mol) + cold)
 
     def _heat(self, coefficients: tuple[float, ...], t: Floats) -> Floats:
         slope = tuple(value / (power + 1) for power, value in enumerate(coefficients))

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from cldit.arrays import Floats, Ints
 from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
+from cldit.io.free_memory import parts
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     NITROGEN,
@@ -37,7 +38,6 @@ _FINE = 400  # entries in the range of liquid: steps of 4 % in B, 1e7^(1/399)
 # Evaporated shares from 0 to 1, linear between them. Rich mixtures are saturated at a share of some
 # 1 %, so steps grow from 0.02 to 2.5 %: gas within 5 K at B up to 100, where even ones leave 44 K.
 _SLICES = 81
-_AT_ONCE = 20_000  # states that are processed in the cache
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,7 @@ class Mixture:
         state = MixtureState(*(np.empty(content.shape) for _ in range(4)))
         targets = [array.reshape(-1) for array in vars(state).values()]
         content, share = content.reshape(-1), share.reshape(-1)
-        for start in range(0, content.size, _AT_ONCE):
-            part = slice(start, start + _AT_ONCE)
+        for part in parts(content.size):
             state_part = self._state(content[part], share[part])
             for target, values in zip(targets, state_part, strict=True):
                 target[part] = values

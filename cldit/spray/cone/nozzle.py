@@ -7,18 +7,65 @@ from functools import lru_cache
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
-from cldit.scene.spray import ConeSpray
+from cldit.scene.spray import ConeSpray, LagrangianSpray, Plume
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import Mixture, heptane_mixture
 from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, droplet_kernels, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
-from cldit.spray.droplet.follow import LARGEST_M
-from cldit.spray.sizes import strata_m
+from cldit.spray.sizes import FREE_DROP_M, strata_m
 
 VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
 _CLASSES = 1024  # of the droplets' sizes
+
+
+def plume_axis(plume: Plume) -> Floats:
+    """Direction of a plume, a unit vector."""
+    inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
+    side = np.sin(inclination)
+    return np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
+
+
+def pressure_drop_Pa(spec: ConeSpray | LagrangianSpray) -> float:
+    """Pressure that drives the injection; raises SprayError if there is none."""
+    drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
+    if drop <= 0:
+        raise SprayError(
+            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
+            f"pressure of the gas, {spec.ambient.pressure_Pa:g}"
+        )
+    return drop
+
+
+def liquid_speed_m_s(spec: ConeSpray | LagrangianSpray, density_kg_m3: float) -> float:
+    """Speed of liquid at the holes; raises as `pressure_drop_Pa`."""
+    return VELOCITY_COEFFICIENT * float(np.sqrt(2 * pressure_drop_Pa(spec) / density_kg_m3))
+
+
+def flow_coefficient(
+    spec: ConeSpray | LagrangianSpray, *, rate_kg_s: float, flux_kg_m2_s: float
+) -> float:
+    """Ratio of a flow to that of a flux in all holes; raises SprayError if it is above 1."""
+    holes = len(spec.plumes) * np.pi / 4 * spec.hole_diameter_m**2
+    coefficient = rate_kg_s / (holes * flux_kg_m2_s)
+    if coefficient > 1:
+        raise SprayError(
+            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times the "
+            f"flow that the pressure drives through {len(spec.plumes)} holes of "
+            f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
+        )
+    return float(coefficient)
+
+
+def check_free_drops(largest_m: float) -> None:
+    """Raises SprayError if the largest droplet would break up."""
+    if not largest_m <= FREE_DROP_M:
+        raise SprayError(
+            f"spray.droplets: these sizes reach {largest_m:.3g} m; allowed: up to "
+            f"{FREE_DROP_M:g}, above which free drops of fuel break up"
+        )
 
 
 @dataclass(frozen=True)
@@ -51,14 +98,8 @@ def without_lattice(spec: ConeSpray) -> ConeSpray:
 @lru_cache(maxsize=4)
 def _nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
     ambient = spec.ambient
-    if spec.injection_pressure_Pa <= ambient.pressure_Pa:
-        raise SprayError(
-            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
-            f"pressure of the gas, {ambient.pressure_Pa:g}"
-        )
     density = float(heptane_density_kg_m3(spec.fuel_temperature_K))
-    drop = spec.injection_pressure_Pa - ambient.pressure_Pa
-    speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))
+    speed = liquid_speed_m_s(spec, density)
     kernels = droplet_kernels(device) if spec.evaporation else None
     mixture = heptane_mixture(
         kernels,
@@ -67,11 +108,7 @@ def _nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
         fuel_K=spec.fuel_temperature_K,
     )
     classes = strata_m(spec.droplets, _CLASSES)
-    if not classes[-1] <= LARGEST_M:
-        raise SprayError(
-            f"spray.droplets: these sizes reach {classes[-1]:.3g} m; allowed: up to "
-            f"{LARGEST_M:g}, above which free drops of fuel break up"
-        )
+    check_free_drops(classes[-1])
     bulb = None
     if kernels is not None:
         bulb = wet_bulb(

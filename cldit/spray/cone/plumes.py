@@ -13,12 +13,11 @@ from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
-from cldit.scene.spray import Plume as Hole
 from cldit.spray.cone.attraction import displaced_m
 from cldit.spray.cone.fluid_properties import NITROGEN
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
-from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, without_lattice
+from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, plume_axis, without_lattice
 
 SOFTNESS = 0.1  # half the width of the tip, and of the droplets' tail, over the travel time
 TRAILING = 0.9  # that of the gas's tail: the slow edge and the last, thin jet stay behind
@@ -139,7 +138,7 @@ def _plumes(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
     ]
     oldest_s = spec.time_s * (1 + SOFTNESS + ROUNDING * MEAN_SQUARE)
     reaches = [jet.tip_m(oldest_s) for jet in jets]
-    axes = [_axis(plume) for plume in spec.plumes]
+    axes = [plume_axis(plume) for plume in spec.plumes]
     kinetics: dict[Jet, Kinetics | None] = {}  # equal plumes share one
     plumes = []
     paths = displaced_m(axes, jets, reaches)
@@ -151,12 +150,6 @@ def _plumes(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
             reach_m = max(reach_m, float(ahead.max()))
         plumes.append(Plume.of(spec, axis, jet, kinetics[jet], source, path=path, reach_m=reach_m))
     return tuple(plumes)
-
-
-def _axis(hole: Hole) -> Floats:
-    inclination, azimuth = np.radians(hole.inclination_deg), np.radians(hole.azimuth_deg)
-    side = np.sin(inclination)
-    return np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
 
 
 def _kinetics(spec: ConeSpray, jet: Jet, source: NozzleFlow, *, oldest_s: float) -> Kinetics | None:

@@ -22,12 +22,11 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints
 from cldit.constants import AVOGADRO_PER_MOL, HEPTANE_MOLAR_MASS_kg_mol
-from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import MixtureState
-from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
+from cldit.spray.cone.nozzle import NozzleFlow, flow_coefficient, nozzle_flow
 from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
 from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
@@ -52,14 +51,7 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
     """
     source = nozzle_flow(spec, device)
     rate = spec.injected_mass_kg / spec.injection_duration_s
-    holes = len(spec.plumes) * np.pi / 4 * spec.hole_diameter_m**2
-    flow = rate / (holes * source.flux_kg_m2_s)
-    if flow > 1:
-        raise SprayError(
-            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} in {spec.injection_duration_s:g} s "
-            f"is {flow:.3g} times the flow that the pressure drives through {len(spec.plumes)} "
-            f"holes of {spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / flow:.3g}"
-        )
+    flow = flow_coefficient(spec, rate_kg_s=rate, flux_kg_m2_s=source.flux_kg_m2_s)
     injected = spec.injected_mass_kg * min(spec.time_s / spec.injection_duration_s, 1.0)
     notes = {"injected_mass_kg": injected, "flow_coefficient": flow}
     remarks = _without_effect(spec)

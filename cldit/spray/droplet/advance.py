@@ -86,19 +86,8 @@ def advance(
     out, final = kernels.run(
         "advance_droplets",
         {
-            "gas": [
-                gas.temperature_K,
-                gas.pressure_Pa,
-                gas.vapour,
-                *gas.velocity_m_s.T,
-                *rest,
-            ],
-            "droplets": [
-                droplets.mass_kg,
-                droplets.temperature_K,
-                *droplets.velocity_m_s.T,
-                *rest,
-            ],
+            "gas": [gas.temperature_K, gas.pressure_Pa, gas.vapour, *gas.velocity_m_s.T, *rest],
+            "droplets": [droplets.mass_kg, droplets.temperature_K, *droplets.velocity_m_s.T, *rest],
         },
         5,
         duration=float(duration_s),

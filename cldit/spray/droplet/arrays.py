@@ -12,7 +12,7 @@ from cldit.arrays import Floats
 from cldit.errors import DeviceError
 from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device
-from cldit.gpu.program import Program, build
+from cldit.gpu.program import Define, Program, build
 from cldit.spray.droplet.fluids import Fuel, Gas, property_table
 from cldit.spray.droplet.models import Model
 
@@ -48,7 +48,8 @@ class DropletKernels:
         if double and not device.info.float64:
             raise DeviceError(f"droplets need float64, which {device.info.name} does not have")
         width = 8 if device.is_cpu else 1
-        defines = {**model.defines, "SIMD_WIDTH": width, **({"USE_FLOAT64": 1} if double else {})}
+        defines: dict[str, Define] = {"EVAPORATION": model.function, "SIMD_WIDTH": width}
+        defines |= {"USE_FLOAT64": 1} if double else {}
         program = build(device, "spray/droplets.cl", defines, preamble=model.source)
         table = property_table(fuel, gas).astype(real)
         return cls(fuel, gas, model, program, width, real, upload(device, "fuel", table))

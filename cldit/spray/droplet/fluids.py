@@ -17,7 +17,7 @@ from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
 from cldit.spray.droplet.curves import Curves, curves
 from cldit.spray.droplet.fits import gas_fits, liquid_fits
-from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
+from cldit.spray.droplet.substances import fuel_columns, gas_columns
 
 _FORM = "fluid table 3"
 # Of the gas, which may be above the critical pressure of a droplet that is below its critical
@@ -56,10 +56,6 @@ class Fuel(Gas):
     def liquid_fits(self) -> tuple[Floats, Floats]:
         """See `fits.liquid_fits`."""
         return liquid_fits(self.name, self.liquid, critical_K=self.critical_K)
-
-    def saturation_Pa(self, temperature_K: ArrayLike) -> Floats:
-        """Saturation pressure, any shape."""
-        return np.asarray(np.exp(self.liquid.value("ln_psat", temperature_K)))
 
     def boiling_K(self, pressure_Pa: ArrayLike) -> Floats:
         """Boiling temperature, any shape, by bisection within the table."""
@@ -121,22 +117,15 @@ def fuel_table(name: str, *, cache: Path | None) -> Fuel:
     `cache` is the folder of tables; None: no cache. Raises SprayError if the fuel is unknown, or
     lacks properties that evaporation needs.
     """
-    return _fuel(name, _cached(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache))
+    arrays = _cached(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache)
+    phases = _curves(arrays, "vapour"), _curves(arrays, "liquid")
+    return Fuel(name=name, **_constants(arrays), vapour=phases[0], liquid=phases[1])
 
 
 def gas_table(name: str, *, cache: Path | None) -> Gas:
     """Carrier gas by name, one of `substances.GASES`; `cache` as in `fuel_table`."""
-    columns = _cached(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
-    return Gas(name=name, **columns.constants, vapour=curves(columns.vapour_K, columns.vapour))
-
-
-def _fuel(name: str, columns: Columns) -> Fuel:
-    return Fuel(
-        name=name,
-        **columns.constants,
-        vapour=curves(columns.vapour_K, columns.vapour),
-        liquid=curves(columns.liquid_K, columns.liquid),
-    )
+    arrays = _cached(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
+    return Gas(name=name, **_constants(arrays), vapour=_curves(arrays, "vapour"))
 
 
 def check_conditions(
@@ -169,27 +158,19 @@ def check_gas(fuel: Fuel, *, gas_K: float, pressure_Pa: float, names: tuple[str,
         )
 
 
-def _cached(key: str, build: Callable[[], Columns], cache: Path | None) -> Columns:
-    key = f"{_FORM} {version('CoolProp')} {key}"
-    return _columns(cached(cache, kind="fluid", description=key, make=lambda: _arrays(build())))
+def _cached(key: str, build: Callable[[], Arrays], cache: Path | None) -> Arrays:
+    return cached(
+        cache, kind="fluid", description=f"{_FORM} {version('CoolProp')} {key}", make=build
+    )
 
 
-def _arrays(columns: Columns) -> Arrays:
-    """Arrays by name; the part before the point is the field of `Columns`."""
-    arrays: Arrays = {"liquid_K.": columns.liquid_K, "vapour_K.": columns.vapour_K}
-    arrays |= {f"constants.{name}": np.asarray(v) for name, v in columns.constants.items()}
-    for part, values in (("liquid", columns.liquid), ("vapour", columns.vapour)):
-        arrays |= {f"{part}.{name}": value for name, value in values.items()}
-    return arrays
+def _constants(arrays: Arrays) -> dict[str, float]:
+    """The numbers of `Gas` by name."""
+    names = ("molar_mass_kg_mol", "diffusion_volume", "critical_K", "critical_Pa")
+    return {name: float(arrays[f"constants.{name}"]) for name in names}
 
 
-def _columns(arrays: Arrays) -> Columns:
-    """Inverse of `_arrays`."""
-
-    def part(section: str) -> Arrays:
-        parts = ((key.partition("."), value) for key, value in arrays.items())
-        return {name: value for (prefix, _, name), value in parts if prefix == section}
-
-    constants = {name: float(value) for name, value in part("constants").items()}
-    grids = arrays["liquid_K."], arrays["vapour_K."]
-    return Columns(constants, grids[0], part("liquid"), grids[1], part("vapour"))
+def _curves(arrays: Arrays, phase: str) -> Curves:
+    columns = {name: array for name, array in arrays.items() if name.startswith(f"{phase}.")}
+    values = {name.partition(".")[2]: column for name, column in columns.items()}
+    return curves(arrays[f"{phase}_K."], values)

@@ -16,9 +16,9 @@ from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, adva
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
 from cldit.spray.droplet.models import MODELS
+from cldit.spray.sizes import FREE_DROP_M
 
 COLUMNS = ("time_s", "diameter_m", "temperature_K", "velocity_m_s", "mass_kg")
-LARGEST_M = 5e-3  # a free drop of fuel breaks up below this
 SMALLEST_M = 1e-8  # the mean free path is larger
 LONGEST_S = 1e5
 
@@ -87,11 +87,7 @@ def follow(
         DeviceError: the device has no double precision.
     """
     _check(diameter_m=diameter_m, velocity_m_s=velocity_m_s, vapour=vapour, model=model)
-    numbers = (temperature_K, gas_temperature_K, pressure_Pa)
-    if not np.all(np.isfinite(numbers)):
-        raise SprayError(f"temperatures and pressure of a droplet: {numbers}; must be finite")
-    if duration_s is not None and not 0 < duration_s <= LONGEST_S:
-        raise SprayError(f"duration {duration_s:g} s; allowed: above 0 to {LONGEST_S:g} s")
+    _check_finite((temperature_K, gas_temperature_K, pressure_Pa), duration_s)
     liquid, carrier = fuel_table(fuel, cache=cache), gas_table(gas, cache=cache)
     check_conditions(
         liquid, temperature_K=temperature_K, gas_K=gas_temperature_K, pressure_Pa=pressure_Pa
@@ -107,26 +103,14 @@ def follow(
         np.array([vapour]),
         np.zeros((1, 1)),
     )
-
     kernels = DropletKernels.of(device, liquid, carrier, MODELS[model])
-    times, states, vanishes = _history(
+    return _life(
         start, surroundings, kernels, held=held, duration_s=duration_s, points=points,
         tolerance=tolerance,
     )  # fmt: skip
-    mass = np.array([state.mass_kg[0] for state in states])
-    if vanishes:
-        mass[-1] = 0.0  # by definition of the last time, which steps reach within the tolerance
-    warm = np.array([state.temperature_K[0] for state in states])
-    return Life(
-        time_s=times,
-        diameter_m=liquid.diameter_m(mass, warm),
-        temperature_K=warm,
-        velocity_m_s=np.array([state.velocity_m_s[0, 0] for state in states]),
-        mass_kg=mass,
-    )
 
 
-def _history(
+def _life(
     start: DropletStates,
     surroundings: DropletSurroundings,
     kernels: DropletKernels,
@@ -135,8 +119,8 @@ def _history(
     duration_s: float | None,
     points: int,
     tolerance: float,
-) -> tuple[Floats, list[DropletStates], bool]:
-    """Equidistant times, the state at each, and True if the droplet vanishes at the last one."""
+) -> Life:
+    """Equidistant times until the droplet vanishes or the duration ends, and its state at each."""
 
     def advanced(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
         result = advance(state, surroundings, seconds, kernels, tolerance=tolerance, drag=not held)
@@ -154,14 +138,31 @@ def _history(
     states = [start]
     for step in np.diff(times):
         states.append(advanced(states[-1], float(step))[0])
-    return times, states, life <= end
+    mass = np.array([state.mass_kg[0] for state in states])
+    if life <= end:
+        mass[-1] = 0.0  # by definition of the last time, which steps reach within the tolerance
+    warm = np.array([state.temperature_K[0] for state in states])
+    return Life(
+        time_s=times,
+        diameter_m=kernels.fuel.diameter_m(mass, warm),
+        temperature_K=warm,
+        velocity_m_s=np.array([state.velocity_m_s[0, 0] for state in states]),
+        mass_kg=mass,
+    )
+
+
+def _check_finite(numbers: tuple[float, ...], duration_s: float | None) -> None:
+    if not np.all(np.isfinite(numbers)):
+        raise SprayError(f"temperatures and pressure of a droplet: {numbers}; must be finite")
+    if duration_s is not None and not 0 < duration_s <= LONGEST_S:
+        raise SprayError(f"duration {duration_s:g} s; allowed: above 0 to {LONGEST_S:g} s")
 
 
 def _check(*, diameter_m: float, velocity_m_s: float, vapour: float, model: str) -> None:
-    if not SMALLEST_M <= diameter_m <= LARGEST_M:
+    if not SMALLEST_M <= diameter_m <= FREE_DROP_M:
         raise SprayError(
             f"diameter {diameter_m * 1e6:g} um; allowed: {SMALLEST_M * 1e6:g} to "
-            f"{LARGEST_M * 1e6:g} um (check the unit)"
+            f"{FREE_DROP_M * 1e6:g} um (check the unit)"
         )
     if not abs(velocity_m_s) <= 1000:
         raise SprayError(f"velocity {velocity_m_s:g} m/s; allowed: -1000 to 1000 m/s")

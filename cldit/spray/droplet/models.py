@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cldit.gpu.program import Define
-
 
 @dataclass(frozen=True)
 class Model:
@@ -17,11 +15,6 @@ class Model:
 
     function: str
     source: str = ""
-
-    @property
-    def defines(self) -> dict[str, Define]:
-        """Defines of the kernels."""
-        return {"EVAPORATION": self.function}
 
 
 inert = Model("inert")  # neither evaporates nor warms

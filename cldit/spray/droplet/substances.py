@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import re
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.errors import SprayError
+from cldit.io.tables import Arrays
 from cldit.spray.droplet.curves import integral
 
 GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
@@ -34,26 +34,14 @@ _RINGS = ("benzene", "toluene", "ethylbenzene", "m-xylene", "o-xylene", "p-xylen
 _GAS_VOLUMES = (18.5, 19.7, 16.3, 16.2, 26.9, 2.67)  # of `GASES`
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Properties of a substance, on two uniform temperature grids.
-
-    constants: molar_mass_kg_mol, diffusion_volume, critical_K, critical_Pa.
-    liquid: ln_psat (Pa), density, cp, latent, conductivity, viscosity, tension, enthalpy, (M,);
-        empty for a carrier gas.
-    vapour: cp, conductivity, viscosity, enthalpy, (K,); the enthalpy is that of the liquid plus the
-        latent heat at the normal boiling point, or for a carrier zero at the lowest temperature.
-    """
-
-    constants: dict[str, float]
-    liquid_K: Floats
-    liquid: dict[str, Floats]
-    vapour_K: Floats
-    vapour: dict[str, Floats]
-
-
-def fuel_columns(name: str) -> Columns:
+def fuel_columns(name: str) -> Arrays:
     """Columns of a fuel: iso-octane, or a fluid of CoolProp that consists of C, H and O.
+
+    They are properties on two uniform temperature grids, `liquid_K.` (M,) and `vapour_K.` (K,):
+    `liquid.` ln_psat (Pa), density, cp, latent, conductivity, viscosity, tension, enthalpy, none of
+    a carrier gas; `vapour.` cp, conductivity, viscosity, enthalpy, which is that of the liquid plus
+    the latent heat at the normal boiling point, or of a carrier zero at the lowest temperature; and
+    the numbers `constants.` molar_mass_kg_mol, diffusion_volume, critical_K, critical_Pa.
 
     Raises SprayError if there is no such fluid, or if CoolProp lacks its transport properties.
     """
@@ -80,7 +68,7 @@ def fuel_columns(name: str) -> Columns:
     return _finished(constants, liquid_K, liquid, *_dilute(state, low))
 
 
-def gas_columns(name: str) -> Columns:
+def gas_columns(name: str) -> Arrays:
     """Columns of a carrier gas; raises SprayError if it is not one of `GASES`."""
     key = name.casefold().replace("-", " ")
     if key not in GASES:
@@ -96,7 +84,7 @@ def gas_columns(name: str) -> Columns:
         state, max(_COLDEST_K.get(key, 80.0), float(np.ceil(state.Ttriple())))
     )
     vapour["enthalpy"] = integral(vapour_K, vapour["cp"])
-    return Columns(constants, np.empty(0), {}, vapour_K, vapour)
+    return _arrays(constants, np.empty(0), {}, vapour_K, vapour)
 
 
 _SATURATED = ("ln_psat", "density", "cp", "latent", "conductivity", "viscosity", "tension")
@@ -156,7 +144,7 @@ def _finished(
     liquid: dict[str, Floats],
     vapour_K: Floats,
     vapour: dict[str, Floats],
-) -> Columns:
+) -> Arrays:
     """Adds the enthalpies, with one zero."""
     heat = integral(liquid_K, liquid["cp"])
     boiling = float(np.interp(np.log(STANDARD_ATMOSPHERE_Pa), liquid["ln_psat"], liquid_K))
@@ -164,13 +152,27 @@ def _finished(
     rise = integral(vapour_K, vapour["cp"])
     start = np.interp(boiling, liquid_K, liquid["latent"])
     vapour["enthalpy"] = start + rise - np.interp(boiling, vapour_K, rise)
-    return Columns(constants, liquid_K, liquid, vapour_K, vapour)
+    return _arrays(constants, liquid_K, liquid, vapour_K, vapour)
+
+
+def _arrays(
+    constants: dict[str, float],
+    liquid_K: Floats,
+    liquid: dict[str, Floats],
+    vapour_K: Floats,
+    vapour: dict[str, Floats],
+) -> Arrays:
+    """Columns by name, as `fuel_columns`."""
+    arrays: Arrays = {"liquid_K.": liquid_K, "vapour_K.": vapour_K}
+    arrays |= {f"constants.{name}": np.asarray(value) for name, value in constants.items()}
+    arrays |= {f"liquid.{name}": column for name, column in liquid.items()}
+    return arrays | {f"vapour.{name}": column for name, column in vapour.items()}
 
 
 _ISO_OCTANE_NAMES = ("isooctane", "ic8h18", "2,2,4trimethylpentane")
 
 
-def _iso_octane() -> Columns:
+def _iso_octane() -> Arrays:
     """Fits of NSRDS/DIPPR (Daubert and Danner), coefficients as tabulated by OpenFOAM (IC8H18)."""
     critical = 543.96
     low = 166.0

@@ -13,16 +13,10 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
+from cldit.spray.cone.nozzle import plume_axis, pressure_drop_Pa
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.injector import (
-    Hole,
-    Injection,
-    hole_flows,
-    plume_axis,
-    pressure_drop_Pa,
-    released_share,
-)
+from cldit.spray.flow.injector import Hole, Injection, flowing_s, hole_flows, released_share
 from cldit.spray.flow.mixture import LOWEST_K
 from cldit.spray.flow.notional_nozzle import Expansion, expand
 from cldit.spray.flow.parcels import FlyingParcels, REACH_m
@@ -55,7 +49,7 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
         )
     times, released = released_share(spec)
     top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=jet.flux_kg_m2_s)
-    flowing = np.flatnonzero(np.diff(released) > 0)
+    start_s, end_s = flowing_s(times, released)
     none = np.empty(0)
     return Injection(
         holes=tuple(
@@ -63,8 +57,8 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
             for plume, share in zip(spec.plumes, shares, strict=True)
         ),
         speed_m_s=jet.speed_m_s,
-        start_s=float(times[flowing[0]]),
-        end_s=float(times[flowing[-1] + 1]),
+        start_s=start_s,
+        end_s=end_s,
         density_kg_m3=jet.density_kg_m3,
         flow_coefficient=coefficient,
         time_s=none,

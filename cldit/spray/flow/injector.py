@@ -9,11 +9,16 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
-from cldit.scene.spray import RAMP_S, LagrangianSpray, Plume
+from cldit.scene.spray import RAMP_S, LagrangianSpray
 from cldit.spray.cone.jet import profile
-from cldit.spray.cone.nozzle import VELOCITY_COEFFICIENT
+from cldit.spray.cone.nozzle import (
+    check_free_drops,
+    flow_coefficient,
+    liquid_speed_m_s,
+    plume_axis,
+)
 from cldit.spray.droplet.fluids import Fuel
-from cldit.spray.droplet.follow import LARGEST_M
+from cldit.spray.result import PLASTIC
 from cldit.spray.sizes import mean_diameter_m, quantile_m
 
 MOST_PARCELS = 2_000_000
@@ -62,7 +67,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     sizes = spec.droplets
     assert sizes is not None, "a gas is injected by gas_jets.inject_gas"
     density = float(fuel.liquid.value("density", spec.fuel_temperature_K))
-    speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * pressure_drop_Pa(spec) / density))
+    speed = liquid_speed_m_s(spec, density)
     times, released = released_share(spec)
     top, coefficient, shares = hole_flows(spec, flux_kg_m2_s=density * speed)
     typical = float(fuel.mass_kg(mean_diameter_m(sizes, 3, 0), spec.fuel_temperature_K))
@@ -86,26 +91,19 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     time, hole = time[order], hole[order]
     even = _even(hole, len(shares), np.random.default_rng(spec.seed))
     diameter = quantile_m(sizes, even[2], by="mass")
-    if not diameter.max(initial=0.0) <= LARGEST_M:
-        raise SprayError(
-            f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: up to "
-            f"{LARGEST_M:g}, above which free drops of fuel break up"
-        )
+    check_free_drops(diameter.max(initial=0.0))
     droplet_kg = fuel.mass_kg(diameter, np.full(len(time), spec.fuel_temperature_K))
     holes = tuple(
-        Hole(
-            plume_axis(plume),
-            float(np.sqrt(4 * share * top / (np.pi * density * speed))),
-        )
+        Hole(plume_axis(plume), float(np.sqrt(4 * share * top / (np.pi * density * speed))))
         for plume, share in zip(spec.plumes, shares, strict=True)
     )
     position, direction = _spread(spec, holes, hole, even)
-    flowing = times[np.flatnonzero(np.diff(released) > 0)]
+    start_s, end_s = flowing_s(times, released)
     return Injection(
         holes=holes,
         speed_m_s=speed,
-        start_s=float(flowing[0]),
-        end_s=float(times[np.flatnonzero(np.diff(released) > 0)[-1] + 1]),
+        start_s=start_s,
+        end_s=end_s,
         density_kg_m3=density,
         flow_coefficient=coefficient,
         time_s=time,
@@ -117,30 +115,13 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     )
 
 
-def pressure_drop_Pa(spec: LagrangianSpray) -> float:
-    """Pressure that drives the injection; raises SprayError if there is none."""
-    drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
-    if drop <= 0:
-        raise SprayError(
-            f"spray.injection_pressure_Pa: {spec.injection_pressure_Pa:g} is not above the "
-            f"pressure of the gas, {spec.ambient.pressure_Pa:g}"
-        )
-    return drop
-
-
 def hole_flows(spec: LagrangianSpray, *, flux_kg_m2_s: float) -> tuple[float, float, Floats]:
     """Largest flow in kg/s, its ratio to that of a flux which fills all holes, and the share of
     each hole (H,); raises SprayError if the ratio exceeds 1."""
     times, released = released_share(spec)
     shares = np.array([plume.mass_fraction for plume in spec.plumes])
     top = float(np.max(np.diff(released) / np.diff(times))) * spec.injected_mass_kg
-    coefficient = top / (len(shares) * np.pi / 4 * spec.hole_diameter_m**2 * flux_kg_m2_s)
-    if coefficient > 1:
-        raise SprayError(
-            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times the "
-            f"flow that the pressure drives through {len(shares)} holes of "
-            f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
-        )
+    coefficient = flow_coefficient(spec, rate_kg_s=top, flux_kg_m2_s=flux_kg_m2_s)
     return top, coefficient, shares / shares.sum()
 
 
@@ -160,11 +141,10 @@ def released_share(spec: LagrangianSpray) -> tuple[Floats, Floats]:
     return fine, released / released[-1]
 
 
-def plume_axis(plume: Plume) -> Floats:
-    """Direction of a plume, a unit vector."""
-    inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
-    side = np.sin(inclination)
-    return np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
+def flowing_s(times_s: Floats, released: Floats) -> tuple[float, float]:
+    """Begin and end of the flow, of the shares `released` (M,) until times (M,)."""
+    flowing = np.flatnonzero(np.diff(released) > 0)
+    return float(times_s[flowing[0]]), float(times_s[flowing[-1] + 1])
 
 
 def _spread(
@@ -198,11 +178,10 @@ def _even(hole: Ints, holes: int, random: np.random.Generator) -> Floats:
     For each hole they are a Kronecker sequence with a random shift (ratio^4 = ratio + 1), which
     fills the cube more uniformly than random numbers, at any time.
     """
-    ratio = 1.2207440846057596
     result = np.empty((3, len(hole)))
     for index in range(holes):
         members = hole == index
         count = np.arange(np.count_nonzero(members))
         for axis in range(3):
-            result[axis, members] = (random.random() + count / ratio ** (axis + 1)) % 1.0
+            result[axis, members] = (random.random() + count / PLASTIC ** (axis + 1)) % 1.0
     return result

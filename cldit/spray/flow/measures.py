@@ -93,20 +93,3 @@ def sauter_m(droplets: Floats, diameter_m: Floats) -> float:
     """Sauter mean diameter of droplets (N,) of diameters (N,); NaN without droplets."""
     area = float(np.sum(droplets * diameter_m**2))
     return float(np.sum(droplets * diameter_m**3)) / area if area > 0 else float("nan")
-
-
-def half_angle_rad(flow: GasFlow, axes: Floats) -> float:
-    """Half angle of a cone as wide as the mean plume, at the edge of the vapour.
-
-    It is measured from one to two thirds of the length along `axes` (H, 3); NaN without plumes.
-    """
-    grid = flow.grid
-    middle = np.max(grid.directions @ axes.T, axis=2)[:, :, None] * grid.middle[2]
-    tip = vapour_reach_m(flow, axes)
-    within = (flow.read("share") >= VAPOUR_SHARE) & (middle > tip / 3) & (middle < 2 * tip / 3)
-    if not within.any():
-        return float("nan")
-    # Volume of the cone's part: pi/3 tan^2 (b^3 - a^3).
-    volume = float(grid.volume_m3[within].sum()) * grid.copies / len(axes)
-    square = 3 * volume / np.pi / (tip**3 * (8 - 1) / 27)
-    return float(np.arctan(np.sqrt(square)))

@@ -13,7 +13,6 @@ from cldit.spray.droplet.fluids import Fuel, Gas
 LOWEST_K, _HIGH_K = 150.0, 1200.0  # of the polynomials
 _DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K
 _SCALE_K = 1000.0  # makes the variable of the polynomials of order 1
-_NEWTON_STEPS = 6  # quadratic convergence from anywhere in the range
 
 
 @dataclass(frozen=True)
@@ -31,28 +30,12 @@ class GasMixture:
     vapour_J_kg_K: float
     zero_J_kg: float
 
-    def pressure_Pa(self, *, density: Floats, fuel: Floats, temperature_K: Floats) -> Floats:
-        """Pressure from the densities of the mixture and of the vapour in it, any shape."""
-        part = (density - fuel) * self.carrier_J_kg_K + fuel * self.vapour_J_kg_K
-        return np.asarray(part * temperature_K)
-
     def enthalpy_J_kg(self, share: Floats, temperature_K: Floats) -> Floats:
         """Enthalpy for the mass fraction `share` of fuel vapour, any shape."""
         x = (np.asarray(temperature_K) - self.reference_K) / _SCALE_K
         powers = [x ** (n + 1) for n in range(_DEGREE)]
         parts = zip(self.carrier, self.vapour, powers, strict=True)
         return np.asarray(sum(((1 - share) * c + share * v) * x for c, v, x in parts))
-
-    def temperature_K(self, share: Floats, enthalpy_J_kg: Floats, guess_K: Floats) -> Floats:
-        """Inverse of `enthalpy_J_kg`, any shape, by Newton's method from `guess_K`."""
-        x = (np.asarray(guess_K) - self.reference_K) / _SCALE_K
-        for _ in range(_NEWTON_STEPS):
-            value, slope = np.zeros_like(x), np.zeros_like(x)
-            for power in range(_DEGREE - 1, -1, -1):
-                c = (1 - share) * self.carrier[power] + share * self.vapour[power]
-                slope, value = slope * x + c * (power + 1), value * x + c
-            x = x - (value * x - enthalpy_J_kg) / slope
-        return np.asarray(self.reference_K + _SCALE_K * x)
 
 
 def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:

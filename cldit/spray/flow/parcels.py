@@ -70,7 +70,7 @@ class Cloud:
         carrier: Gas,
     ) -> None:
         self.flow, self.device, self._injection = flow, flow.device, injection
-        fields, grid = flow.fields, flow.grid
+        fields = flow.fields
         self._width = fields.simd_width
         count = len(injection.time_s)
         packet = self._width * GROUP
@@ -88,35 +88,10 @@ class Cloud:
         self._totals = zeros(self.device, "totals", 3, np.int64)
         self._failed = zeros(self.device, "failed", 1, np.int32)
         self._exchange = fields.plane("exchange of parcels", _EXCHANGED)
-        shared: dict[str, Any] = {
-            **flow.arguments,
-            **fields.places(),
-            "state": self.state,
-            "droplets": upload(self.device, "droplets", droplets),
-            "birth": upload(self.device, "birth", birth),
-            "properties": self._single("properties", property_table(fuel, carrier)),
-            "sums": self._sums,
-            "exchange": self._exchange,
-            "packed_gas": zeros(self.device, "packed gas", 8 * fields.cells, np.float32),
-            "packed_exchange": zeros(self.device, "packed sums", 8 * fields.cells, np.float32),
-            "totals": self._totals,
-            "total_scales": self._single("scales of totals", np.array(self._total_scales)),
-            "failed": self._failed,
-            "capacity": self.capacity,
-            "tolerance": TOLERANCE,
-            "zero_enthalpy": flow.mixture.zero_J_kg,
-            "station": -STATION_m,
-            "seed": spec.seed,
-            "copies": grid.copies,
-            "born": 0,
-            "number": 0,
-            "time": 0.0,
-            "first": 0,
-            "last": 0,
-        }
+        shared = self._arguments(spec, property_table(fuel, carrier), droplets, birth)
         defines: dict[str, Define] = {
             "SIMD_WIDTH": self._width,
-            **MODELS.get(spec.evaporation, inert).defines,
+            "EVAPORATION": MODELS.get(spec.evaporation, inert).function,
             "GAS_REAL": "double" if fields.real is np.float64 else "float",
             **fixed_point_defines(self.device),
         }
@@ -135,6 +110,38 @@ class Cloud:
         self._move = bind("move", scales=scales)
         self._give_birth = bind("give_birth")
         self._exchanged, self._released = self._receipts(shared, exchange_units, units)
+
+    def _arguments(
+        self, spec: LagrangianSpray, properties: Floats, droplets: Reals, birth: Reals
+    ) -> dict[str, Any]:
+        """Arguments of the kernels by name, those of the gas included."""
+        flow, fields = self.flow, self.flow.fields
+        return {
+            **flow.arguments,
+            **fields.places(),
+            "state": self.state,
+            "droplets": upload(self.device, "droplets", droplets),
+            "birth": upload(self.device, "birth", birth),
+            "properties": self._single("properties", properties),
+            "sums": self._sums,
+            "exchange": self._exchange,
+            "packed_gas": zeros(self.device, "packed gas", 8 * fields.cells, np.float32),
+            "packed_exchange": zeros(self.device, "packed sums", 8 * fields.cells, np.float32),
+            "totals": self._totals,
+            "total_scales": self._single("scales of totals", np.array(self._total_scales)),
+            "failed": self._failed,
+            "capacity": self.capacity,
+            "tolerance": TOLERANCE,
+            "zero_enthalpy": flow.mixture.zero_J_kg,
+            "station": -STATION_m,
+            "seed": spec.seed,
+            "copies": flow.grid.copies,
+            "born": 0,
+            "number": 0,
+            "time": 0.0,
+            "first": 0,
+            "last": 0,
+        }
 
     def _initial(self, fuel_K: float) -> tuple[Reals, Reals, Reals]:
         """State (8, capacity), droplets and birth (capacity,) of the parcels; zeros beyond them."""

@@ -11,7 +11,8 @@ from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import NABER_SIEBERS, Jet
-from cldit.spray.flow.injector import Injection, plume_axis
+from cldit.spray.cone.nozzle import plume_axis
+from cldit.spray.flow.injector import Injection
 from cldit.spray.flow.rays import RayGrid
 
 SPACING_AT_m = 25e-3  # distance at which a cell across the rays has the scene's spacing

@@ -14,8 +14,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Launch, Program, build
 from cldit.spray.flow.rays import RayGrid
 
-_GUARD = 16  # kernels/spray/gas_cell.h
-_PACKET = 16  # rows are padded to multiples of it
+_GUARD = 16  # cells around a plane, and multiple of a row: kernels/spray/gas_cell.h
 GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for another
 
 
@@ -29,7 +28,7 @@ class RayFields:
         self.grid, self.device = grid, device
         self.real: Any = real
         azimuths, polars, radii = grid.shape
-        self.stride = -(-(radii + 2) // _PACKET) * _PACKET
+        self.stride = -(-(radii + 2) // _GUARD) * _GUARD
         self.cells = azimuths * polars * self.stride + 2 * _GUARD
         self.simd_width = 8 if device.is_cpu else 1
         self.packets = azimuths * polars * self.stride // self.simd_width
@@ -146,8 +145,8 @@ class Mixing:
             exchange, factor: planes for polar angle and azimuth; their product is diffusivity times
                 density.
         """
-        f = self.fields
-        azimuths, polars, _ = f.grid.shape
+        f, (azimuths, polars, _) = self.fields, self.fields.grid.shape
+        layer, packets = polars * f.stride, f.stride // f.simd_width
         common = {
             "fields": values,
             "kinds": kinds,
@@ -158,9 +157,8 @@ class Mixing:
             "factor": factor,
             "step": 1.0,
             "cells": f.cells,
-            "packets": f.stride // f.simd_width,
+            "packets": packets,
         }
-        layer, packets = polars * f.stride, f.stride // f.simd_width
         polar = {
             "flux_plane": 1,
             "exchange": exchange[0],

@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -140,17 +140,6 @@ class RayGrid:
             axis=-1,
         )
         return np.asarray(local @ self.frame)
-
-    def contains(self, position_m: Floats) -> Mask:
-        """True for positions (N, 3) that the walls enclose, the tip included."""
-        local = position_m @ self.frame.T
-        inside = np.linalg.norm(position_m, axis=1) < self.radius_m[-1]
-        polar = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
-        inside &= (polar >= self.polar[0]) & (polar <= self.polar[-1])
-        if self.symmetry == 1 and not self.ring:
-            azimuth = np.arctan2(local[:, 1], local[:, 0])
-            inside &= (azimuth >= self.azimuth[0]) & (azimuth <= self.azimuth[-1])
-        return np.asarray(inside)
 
     def beside(self, amount: Floats) -> float:
         """Sum of an amount (azimuth, polar, radius) in the cells beside walls that are rays."""

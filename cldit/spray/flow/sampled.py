@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +10,7 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
 from cldit.constants import AVOGADRO_PER_MOL
-from cldit.gpu.buffers import download, upload, zeros
-from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
+from cldit.gpu.buffers import download, zeros
 from cldit.gpu.program import Define, build
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.gas import GasFlow
@@ -42,18 +42,22 @@ class Lattice:
 def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     """Vapour on lattices, linear between the middles of the cells of rays.
 
-    The vapour in each shell of cells is kept, and none is in the tip. Temperatures are means by
-    mass of vapour.
+    All vapour is kept, that of each shell but for the voxels across its faces, and none is in the
+    tip. Temperatures are means by mass of vapour.
     """
     grid, vapour = flow.grid, flow.read("fuel")
     negligible = NEGLIGIBLE * flow.far_density_kg_m3
     if not (vapour >= negligible).any():
         return None
     lattices = lattices_of(grid, vapour >= negligible)
-    fillings = Filling(flow, vapour, threshold=_FAINT * negligible).masses(lattices)
+    factor = shell_factors(grid, vapour)
+    fillings = filled(flow, vapour, lattices, factor, threshold=_FAINT * negligible)
+    # Sums over voxels are not the integral, by some 1e-3.
+    exact = flow.fuel_kg / sum(float(voxels[..., 0].sum()) for voxels in fillings)
     lower, upper, number, warm = [], [], [], []
     for lattice, voxels in zip(lattices, fillings, strict=True):
         mass, temperature = voxels.reshape(-1, 2).T
+        mass = mass * exact
         index = np.flatnonzero(mass > negligible * lattice.edge_m**3)
         steps = np.stack(np.unravel_index(index, tuple(lattice.shape)), axis=1)
         lower.append(lattice.corner_m + steps * lattice.edge_m)
@@ -85,72 +89,97 @@ def lattices_of(grid: RayGrid, rich: Mask) -> list[Lattice]:
     return lattices
 
 
-class Filling:
-    """Kernel that fills lattices with the vapour of a gas (A, P, R), from a density on."""
+def shell_factors(grid: RayGrid, vapour: Floats) -> Floats:
+    """Factors (R,) of interpolated vapour (A, P, R), which keep the content of each shell.
 
-    def __init__(self, flow: GasFlow, vapour: Floats, *, threshold: float) -> None:
-        grid, fields = flow.grid, flow.fields
-        self.device, self.shells = flow.device, grid.shape[2]
-        self.content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
-        self.densest = float(vapour.max())
-        warmth = fields.plane("warmth")
-        fields.write(warmth, vapour * flow.read("temperature"))
-        self.arguments: dict[str, Any] = {
-            "fuel": flow.fuel,
-            "warmth": warmth,
-            "least_density": float(threshold),
-            "cosines": self._single("cosines", _cosines(grid, vapour >= 0.1 * threshold).T),
-            **fields.places(),
-        }
-        defines: dict[str, Define] = {
-            "SIMD_WIDTH": 1,
-            "GAS_REAL": "double" if fields.real is np.float64 else "float",
-            **fixed_point_defines(self.device),
-        }
-        self.program = build(self.device, "spray/vapour_lattice.cl", defines)
+    They are linear between shells. The integral over a shell is exact: with sums over points of a
+    lattice, factors would be errors of its quadrature, and seen as rings across a jet.
+    """
+    azimuth, polar, radius = (
+        _HalfCells(faces) for faces in (grid.azimuth, grid.polar, grid.radius_m)
+    )
+    azimuthal = np.diff(grid.azimuth) if grid.ring else azimuth.integrals(np.ones_like)
+    angles = azimuthal[:, None] * polar.integrals(np.sin) * grid.copies
+    along = np.tensordot(angles, vapour, 2)
+    low, high, part = radius.low, radius.high, radius.part
+    shell = radius.weight * radius.place**2 * ((1 - part) * along[low] + part * along[high])
+    content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
+    factor = np.ones(len(along))
+    for _ in range(_ROUNDS):
+        amount = shell * ((1 - part) * factor[low] + part * factor[high])
+        summed = np.bincount(radius.cell, amount, len(along))
+        factor *= np.divide(content, summed, out=np.ones_like(factor), where=summed > 0)
+    return factor
 
-    def _single(self, name: str, values: Floats) -> Any:
-        return upload(self.device, name, np.ascontiguousarray(values, np.float32))
 
-    def masses(self, lattices: list[Lattice]) -> list[Floats]:
-        """Mass and temperature (X, Y, Z, 2) of the voxels of each lattice."""
-        room = sum(float(np.prod(box.shape)) * box.edge_m**3 for box in lattices)
-        scale = fixed_point_scale(self.densest * room)
-        sums = zeros(self.device, "shells", 3 * self.shells, np.int64)
-        factor = np.ones(self.shells)
-        for lattice in lattices:
-            self.fill(lattice, factor, (sums, scale))
-        parts = fixed_point_sums(self.device, sums, 3 * self.shells, scale).reshape(-1, 3)
-        for _ in range(_ROUNDS):
-            beside = np.pad(factor, 1)
-            summed = parts[:, 0] * beside[:-2] + parts[:, 1] * factor + parts[:, 2] * beside[2:]
-            factor *= np.divide(self.content, summed, out=np.ones_like(factor), where=summed > 0)
-        return [self.fill(lattice, factor) for lattice in lattices]
+class _HalfCells:
+    """Gauss points of the halves of cells, in which fields are linear: 4, exact to the 7th power.
 
-    def fill(
-        self, lattice: Lattice, factor: Floats, shells: tuple[Any, float] | None = None
-    ) -> Floats:
-        """Mass and temperature (X, Y, Z, 2) of voxels, with a factor (R,) for each shell.
+    place, weight (N,); cell: that of each point; low, high, part: cells whose middles are beside
+    it, and the weight of the higher one, as in ray_place.h.
+    """
 
-        shells: buffer of three sums for each shell, see vapour_lattice.cl, and their scale.
-        """
-        sums, scale = shells or (zeros(self.device, "shells", 1, np.int64), 0.0)
+    def __init__(self, faces: Floats) -> None:
+        count = len(faces) - 1
+        nodes, weights = np.polynomial.legendre.leggauss(4)
+        inside = np.arange(count * 2)[:, None] / 2 + (nodes + 1) / 4  # in cells
+        self.cell = inside.astype(np.int64).reshape(-1)
+        width = np.diff(faces)[self.cell]
+        self.place = faces[self.cell] + width * (inside.reshape(-1) - self.cell)
+        self.weight = width * np.tile(weights / 4, 2 * count)
+        at = np.clip(inside.reshape(-1) - 0.5, 0, count - 1)
+        self.low = np.minimum(at.astype(np.int64), max(count - 2, 0))
+        self.high, self.part = np.minimum(self.low + 1, count - 1), at - self.low
+
+    def integrals(self, measure: Callable[[Floats], Floats]) -> Floats:
+        """Integrals of the interpolation of each cell's value, by a measure of the place."""
+        amount = self.weight * measure(self.place)
+        count = int(self.cell[-1]) + 1
+        below, above = amount * (1 - self.part), amount * self.part
+        sums = np.bincount(self.low, below, count) + np.bincount(self.high, above, count)
+        return np.asarray(sums, np.float64)
+
+
+def filled(
+    flow: GasFlow, vapour: Floats, lattices: list[Lattice], factor: Floats, *, threshold: float
+) -> list[Floats]:
+    """Mass and temperature (X, Y, Z, 2) of the voxels of each lattice.
+
+    vapour: (A, P, R) density, which counts from the threshold on; factor: (R,) of each shell.
+    """
+    grid, fields, device = flow.grid, flow.fields, flow.device
+    warmth = fields.plane("warmth")
+    fields.write(warmth, vapour * flow.read("temperature"))
+    cosines = _cosines(grid, vapour >= 0.1 * threshold).T
+    shared: dict[str, Any] = {
+        "fuel": flow.fuel,
+        "warmth": warmth,
+        "least_density": float(threshold),
+        "cosines": fields.table("cosines", cosines, np.float32),
+        "factor": fields.table("factor", factor, np.float32),
+        **fields.places(),
+    }
+    defines: dict[str, Define] = {
+        "SIMD_WIDTH": 1,
+        "GAS_REAL": "double" if fields.real is np.float64 else "float",
+    }
+    program = build(device, "spray/vapour_lattice.cl", defines)
+    fillings = []
+    for lattice in lattices:
         shape, count = lattice.shape.tolist(), int(np.prod(lattice.shape))
-        voxels = zeros(self.device, "voxels", 2 * count, np.float32)
+        voxels = zeros(device, "voxels", 2 * count, np.float32)
         arguments = {
-            **self.arguments,
-            "factor": self._single("factor", factor),
+            **shared,
             "lattice": np.array([*lattice.corner_m, lattice.edge_m], np.float32),
             "shape": np.array([*shape, 0], np.int32),
             "without_from": np.array([*lattice.without[0], 0], np.int32),
             "without_to": np.array([*lattice.without[1], 0], np.int32),
-            "scale": scale,
-            "shells": sums,
             "voxels": voxels,
         }
         if count:
-            self.program.launch("vapour_lattice", tuple(shape[::-1]), (32, 1, 1), arguments)
-        return download(self.device, voxels, np.empty((*shape, 2), np.float32)).astype(float)
+            program.launch("vapour_lattice", tuple(shape[::-1]), (32, 1, 1), arguments)
+        fillings.append(download(device, voxels, np.empty((*shape, 2), np.float32)).astype(float))
+    return fillings
 
 
 def _cosines(grid: RayGrid, rich: Mask) -> Floats:

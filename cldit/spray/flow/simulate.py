@@ -8,23 +8,21 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import LagrangianSpray
+from cldit.spray.cone.nozzle import plume_axis
 from cldit.spray.droplet.fluids import Fuel, check_conditions, check_gas, fuel_table, gas_table
 from cldit.spray.flow.gas import GasFlow, UnstableGas
 from cldit.spray.flow.gas_jets import GasJets, inject_gas
-from cldit.spray.flow.injector import inject, plume_axis
+from cldit.spray.flow.injector import inject
 from cldit.spray.flow.measures import VAPOUR_SHARE, History, measures
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.parcels import Cloud, FlyingParcels, REACH_m
 from cldit.spray.flow.ray_choice import DEPTH_KEY, domain_time_s, ray_grid
 from cldit.spray.flow.sampled import sampled
 from cldit.spray.result import Parcels, Spray
-
-Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-5
 _RECORDS = 100  # rows of the history of one spray

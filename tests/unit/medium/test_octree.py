@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cldit.errors import MediumError
 from cldit.medium.deposit import PlacedBoxes, PlacedPoints, place_boxes
 from cldit.medium.frame import BRICK, Frame
-from cldit.medium.lattice import Lattice
 from cldit.medium.octree import FIELDS, CellSource, Octree, PointSource, build_octree
 
 EDGE = 0.2
@@ -177,34 +176,10 @@ def test_too_many_cells_is_an_error_that_says_what_to_do() -> None:
 
 
 def one_by_one(where: Frame, lower: Floats, upper: Floats, vapour: Floats) -> Octree:
-    """The tree of boxes that are given some at a time, of which each set is no lattice."""
+    """The tree of boxes that are given some at a time."""
     parts = [slice(start, start + 900) for start in range(0, len(lower), 900)]
-    corners = where.to_cells(lower), where.to_cells(upper)
-    assert all(Lattice.of(*(corner[part] for corner in corners)) is None for part in parts)
     some = [boxes(lower[part], upper[part], vapour[part]) for part in parts]
     return build_octree(where, None, some, optical_depth_split=0.0)
-
-
-@pytest.mark.parametrize("spacing", [0.31, 1.0, 1.28, 3.3])
-def test_lattice_is_the_same_as_boxes_one_by_one(spacing: float) -> None:
-    """Boxes on a lattice take a faster way; each cell's sum is that of the pairs of overlaps."""
-    where = frame(1.7e-3)
-    rng = np.random.default_rng(4)
-    cell = where.cell_m
-    index = np.argwhere(rng.random((14, 16, 12)) < 0.6)
-    lower = -0.03 + index * spacing * cell * np.array([1.0, 0.9, 1.1])
-    upper = lower + spacing * cell * np.array([1.0, 0.9, 1.1])
-    vapour = rng.uniform(1, 2, len(index))
-    assert Lattice.of(where.to_cells(lower), where.to_cells(upper)) is not None
-    together = build_octree(where, None, [boxes(lower, upper, vapour)], optical_depth_split=0.0)
-    single = one_by_one(where, lower, upper, vapour)
-    name = "vapour_absorption"
-    assert together.integral(name) == pytest.approx(single.integral(name), rel=1e-7)
-    for place in rng.integers(0, where.cells, (400, 3)):
-        x, y, z = (int(n) for n in place)
-        assert at(together, name, (x, y, z)) == pytest.approx(
-            at(single, name, (x, y, z)), rel=2e-5, abs=2e-5
-        )
 
 
 def test_boxes_mark_the_bricks_that_they_touch() -> None:

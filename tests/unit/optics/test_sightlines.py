@@ -43,24 +43,6 @@ def test_boxes_against_one_by_one(seed: int) -> None:
     np.testing.assert_allclose(found, cut(beams, lower, upper, amount), atol=1e-4 * found.max())
 
 
-@pytest.mark.parametrize("edge_m", [0.3e-3, 1e-3, 2.7e-3, 7e-3])
-def test_a_regular_grid_is_its_boxes(edge_m: float) -> None:
-    """A lattice, whose overlaps factor, against the same boxes a few at a time."""
-    cells = Cells.regular(
-        origin_m=np.array([-0.01, 0.0, 0.02]), spacing_m=np.full(3, edge_m), shape=(11, 12, 13)
-    )
-    amount = np.random.default_rng(4).random(len(cells.lower_m))
-    beams = Beams.around(cells.lower_m, cells.upper_m, width_m=1e-3)
-    (whole,) = beams.columns(cells.lower_m, cells.upper_m, [amount])
-    parts = [
-        beams.columns(cells.lower_m[part], cells.upper_m[part], [amount[part]])[0]
-        for part in np.array_split(np.arange(len(amount)), 2)
-    ]
-    np.testing.assert_allclose(whole, sum(parts), rtol=0, atol=1e-5 * whole.max())
-    area = beams.pitch_m[0] * beams.pitch_m[2]
-    assert whole.sum() * area == pytest.approx(amount.sum(), rel=1e-12)
-
-
 def test_points_and_boxes_together() -> None:
     """Points lie in one beam; a point on the far face of all beams is in the last of them."""
     lower = np.array([[0.0, 0.0, 0.0], [0.01, 0.01, 0.01], [0.0, 0.0, 0.0]])

@@ -11,7 +11,7 @@ import pytest
 from cldit.errors import SprayError
 from cldit.scene.spray import GridSpray
 from cldit.spray.grid import read_grid
-from cldit.spray.result import Cells, RegularGrid
+from cldit.spray.result import Cells
 
 ORIGIN = np.array([-1e-3, 0.0, 2e-3])
 SPACING = np.array([0.5e-3, 1e-3, 2e-3])
@@ -36,15 +36,12 @@ def test_voxels_lie_where_their_index_says(tmp_path: Path) -> None:
 
     given = spray.prescribed
     assert given is not None
-    assert given.cells.grid is not None
-    assert given.cells.grid.shape == (3, 4, 5)
     assert (
         len(given.vapour_temperature_K) == np.count_nonzero(~empty) == spray.notes["voxels_filled"]
     )
     assert spray.notes["voxels"] == 60
     middle = (given.cells.lower_m + given.cells.upper_m) / 2
     i, j, k = np.floor((middle - ORIGIN) / SPACING).astype(int).T
-    assert np.array_equal(given.cells.grid.index, np.ravel_multi_index((i, j, k), (3, 4, 5)))
     for name, values in arrays.items():
         assert np.array_equal(getattr(given, name), values[i, j, k])
     # the voxels are all of one size: rounding of a coordinate of 1e-2 m against an edge of 5e-4 m
@@ -128,33 +125,6 @@ def test_files_that_are_no_npz(tmp_path: Path) -> None:
         np.save(stream, np.ones(3))
     with pytest.raises(SprayError, match="a single array; expected"):
         read_grid(GridSpray(file=file))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"shape": (2, 0, 1)}, "expected three counts"),
-        ({"spacing_m": np.zeros(3)}, "spacing_m"),
-        ({"origin_m": np.zeros(2)}, "expected .3,."),
-        ({"index": np.array([0, 8])}, r"0 to 8 is outside 0\.\.7"),
-        ({"index": np.zeros((1, 1), dtype=np.int64)}, "expected .N,."),
-    ],
-)
-def test_regular_grid_is_checked(change: dict[str, Any], message: str) -> None:
-    whole: dict[str, Any] = {
-        "origin_m": np.zeros(3),
-        "spacing_m": np.ones(3),
-        "shape": (2, 2, 2),
-        "index": np.arange(8),
-    }
-    with pytest.raises(SprayError, match=message):
-        RegularGrid(**(whole | change))
-
-
-def test_cells_and_their_grid_must_agree() -> None:
-    cells = Cells.regular(origin_m=np.zeros(3), spacing_m=np.ones(3), shape=(2, 2, 2))
-    with pytest.raises(SprayError, match="8 places for 7 cells"):
-        Cells(cells.lower_m[:-1], cells.upper_m[:-1], cells.grid)
 
 
 def test_more_content_than_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

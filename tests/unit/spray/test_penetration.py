@@ -11,7 +11,7 @@ from cldit.gpu.device import open_device
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene.spray import ConeSpray, EmptySpray
 from cldit.spray.extent import Box
-from cldit.spray.penetration import penetration_m, penetrations_m, with_figures
+from cldit.spray.penetration import penetrations_m, with_figures
 from cldit.spray.result import Parcels, Spray
 
 
@@ -25,10 +25,7 @@ def parcels(depth_m: list[float], droplets: list[float]) -> Parcels:
 def test_it_is_by_mass_and_not_by_number_of_parcels() -> None:
     """90 of 100 parts of the mass end at 2 mm, 96 at 3 mm; the order of parcels does not matter."""
     some = parcels([0.004, 0.001, 0.003, 0.002], [4.0, 50.0, 6.0, 40.0])
-    assert penetration_m(some, 0.90) == 0.002
-    assert penetration_m(some, 0.95) == 0.003
-    assert penetration_m(some, 0.99) == 0.004
-    assert penetration_m(some, 1.0) == 0.004
+    assert penetrations_m(some, (0.90, 0.95, 0.99, 1.0)) == (0.002, 0.003, 0.004, 0.004)
 
 
 def test_classes_of_a_box_are_sorted_once() -> None:

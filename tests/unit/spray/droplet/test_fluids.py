@@ -11,6 +11,7 @@ from cldit.errors import SprayError
 from cldit.spray.cone import fluid_properties as fits
 from cldit.spray.droplet import fluids
 from cldit.spray.droplet.fluids import Fuel, diffusivity_m2_s, fuel_table, gas_table
+from tests.unit.spray.flow.references import saturation_Pa
 
 # Stated accuracy of the tables; measured: 5e-7 at most.
 TABLE = 1e-5
@@ -36,7 +37,7 @@ def test_between_its_points_a_table_is_what_it_was_built_from(name: str) -> None
         state.update(coolprop.QT_INPUTS, 0.0, t)
         rows.append((state.p(), state.rhomass(), state.cpmass(), vapour - state.hmass()))
     wanted = np.array(rows).T
-    found = np.array([table.saturation_Pa(at), *table.liquid.at(at, "density", "cp", "latent")])
+    found = np.array([saturation_Pa(table, at), *table.liquid.at(at, "density", "cp", "latent")])
     assert np.abs(found / wanted - 1).max() < TABLE
     hot = rng.uniform(table.vapour.low_K, table.vapour.high_K, 50)
     cp = [coolprop.PropsSI("Cp0mass", "T", t, "Dmass", 1e-6, name) for t in hot]
@@ -52,7 +53,7 @@ def test_heptane_against_the_fits_of_another_source(heptane: Fuel) -> None:
     assert latent == pytest.approx(fits.heptane_latent_heat_J_kg(t), rel=0.01)
     vapour = heptane.vapour.value("cp", t)
     assert vapour == pytest.approx(fits.heptane_vapour_cp_J_kg_K(t), rel=0.01)
-    pressure = heptane.saturation_Pa(t)
+    pressure = saturation_Pa(heptane, t)
     assert pressure == pytest.approx(fits.heptane_saturation_pressure_Pa(t), rel=0.01)
 
 
@@ -70,7 +71,7 @@ def test_iso_octane_at_its_boiling_point() -> None:
     boiling = float(table.boiling_K(101325.0))
     assert boiling == pytest.approx(372.4, abs=0.2)
     assert float(table.liquid.value("latent", boiling)) == pytest.approx(271e3, rel=0.01)
-    slope = float(np.log(table.saturation_Pa(310.5) / table.saturation_Pa(309.5)))
+    slope = float(np.log(saturation_Pa(table, 310.5) / saturation_Pa(table, 309.5)))
     ideal = 8.314 / table.molar_mass_kg_mol * 310.0**2 * slope
     assert float(table.liquid.value("latent", 310.0)) == pytest.approx(ideal, rel=0.02)
 
@@ -104,7 +105,7 @@ def test_rings_lower_the_diffusion_volume() -> None:
 
 def test_boiling_inverts_saturation(heptane: Fuel) -> None:
     t = np.linspace(200.0, 530.0, 40)
-    assert heptane.boiling_K(heptane.saturation_Pa(t)) == pytest.approx(t, abs=1e-9)
+    assert heptane.boiling_K(saturation_Pa(heptane, t)) == pytest.approx(t, abs=1e-9)
 
 
 def test_beyond_its_ends_a_curve_is_held(heptane: Fuel) -> None:

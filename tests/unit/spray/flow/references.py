@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.scene.spray import EIGHT_PLUMES, Ambient, LagrangianSpray, Plume
 from cldit.spray.cone.jet import NABER_SIEBERS, Jet
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
+from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import inject
-from cldit.spray.flow.measures import History, half_angle_rad
+from cldit.spray.flow.measures import VAPOUR_SHARE, History, vapour_reach_m
 from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.result import Spray
 
@@ -24,6 +26,27 @@ from cldit.spray.result import Spray
 def fluids() -> tuple[Fuel, Gas]:
     """n-heptane and nitrogen, made at their first use."""
     return fuel_table("n-heptane", cache=None), gas_table("nitrogen", cache=None)
+
+
+def saturation_Pa(fuel: Fuel, temperature_K: Any) -> Floats:
+    return np.asarray(np.exp(fuel.liquid.value("ln_psat", temperature_K)))
+
+
+def half_angle_rad(flow: GasFlow, axes: Floats) -> float:
+    """Half angle of a cone as wide as the mean plume, at the edge of the vapour.
+
+    It is measured from one to two thirds of the length along `axes` (H, 3); NaN without plumes.
+    """
+    grid = flow.grid
+    middle = np.max(grid.directions @ axes.T, axis=2)[:, :, None] * grid.middle[2]
+    tip = vapour_reach_m(flow, axes)
+    within = (flow.read("share") >= VAPOUR_SHARE) & (middle > tip / 3) & (middle < 2 * tip / 3)
+    if not within.any():
+        return float("nan")
+    # Volume of the cone's part: pi/3 tan^2 (b^3 - a^3).
+    volume = float(grid.volume_m3[within].sum()) * grid.copies / len(axes)
+    square = 3 * volume / np.pi / (tip**3 * (8 - 1) / 27)
+    return float(np.arctan(np.sqrt(square)))
 
 
 def with_cones(full_deg: float) -> tuple[Plume, ...]:
@@ -120,7 +143,7 @@ def saturation(
     ratio = 0.0
     for _ in range(60):
         t = 0.5 * (low + high)
-        mole = float(fuel.saturation_Pa(t)) / pressure_Pa
+        mole = float(saturation_Pa(fuel, t)) / pressure_Pa
         ratio = heavy * mole / (1 - mole)
         taken = float(
             fuel.liquid.value("enthalpy", t)

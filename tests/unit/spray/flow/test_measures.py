@@ -11,14 +11,13 @@ from cldit.gpu.device import Device
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.measures import (
     axis_m_s,
-    half_angle_rad,
     vapour_reach_m,
 )
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.projected import SPOT, PIXEL_m, projected_reach_m
 from cldit.spray.flow.rays import RayGrid
 from tests.unit.spray.cone.test_mixing import SATURATION
-from tests.unit.spray.flow.references import fluids, saturation
+from tests.unit.spray.flow.references import fluids, half_angle_rad, saturation
 
 
 @pytest.mark.parametrize(("pressure_MPa", "gas_K", "kelvin", "ratio"), SATURATION)

@@ -7,8 +7,9 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.scene.spray import EIGHT_PLUMES, FlowBox, LagrangianSpray, Plume
+from cldit.spray.cone.nozzle import plume_axis
 from cldit.spray.droplet.fluids import fuel_table
-from cldit.spray.flow.injector import inject, plume_axis
+from cldit.spray.flow.injector import inject
 from cldit.spray.flow.ray_choice import ray_grid, symmetry
 from cldit.spray.flow.rays import RayGrid
 
@@ -54,7 +55,6 @@ def test_the_cells_are_closed_and_fill_the_space(name: str) -> None:
 def test_every_plume_is_on_rays_of_fine_cells(name: str) -> None:
     made = grid(name, 1e-3)
     for plume in KINDS[name]:
-        assert made.contains(20e-3 * plume_axis(plume)[None])[0]
         local = made.directions @ plume_axis(plume)
         if made.symmetry == 1 or plume is KINDS[name][0]:
             assert np.arccos(local.max()) < 0.04  # a cell
