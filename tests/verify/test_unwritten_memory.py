@@ -30,20 +30,9 @@ CASES: dict[str, dict[str, Any]] = {
     "source, few directions": {  # one octant has none of the last twelve
         "transport": {"phase": {"henyey_greenstein": 0.9}, "directions": 4}
     },
-    "source, Mie": {"transport": {"phase": "mie"}},
-    "source, wavelengths": {"optics": SPECTRAL, "transport": {"phase": "isotropic"}},
     "source, Mie, wavelengths": {"optics": SPECTRAL, "transport": {"phase": "mie"}},
-    "path": {"transport": {"method": "path", "max_samples": 128}},
     "path, Mie": {"transport": {"method": "path", "max_samples": 128, "phase": "mie"}},
-    "path, Mie, wavelengths": {
-        "optics": SPECTRAL,
-        "transport": {"method": "path", "max_samples": 128, "phase": "mie"},
-    },
     "branching": {"transport": {"method": "branching", "order": 1}},
-    "branching, wavelengths": {
-        "optics": SPECTRAL,
-        "transport": {"method": "branching", "order": 1},
-    },
 }
 
 
