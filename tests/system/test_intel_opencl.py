@@ -98,7 +98,7 @@ def test_a_damaged_binary_is_compiled_again(intel: dict[str, str], tmp_path: Pat
         "from cldit.gpu import program as module; "
         "from cldit.gpu.device import open_device; from cldit.gpu.program import build; "
         f"module.assemble = lambda name, **_: {COPY!r}; "
-        "program = build(open_device('Intel(R) OpenCL'), 'copy', {}); "
+        "program = build(open_device('Intel(R) OpenCL'), 'copy', {'NUMBER': 1}); "
         "assert [name for name, _ in program.built.arguments['copy']] == ['out', 'in']"
     )
     environment = intel | {"XDG_CACHE_HOME": str(tmp_path)}

@@ -20,7 +20,7 @@ def built(name, defines): return build(device, name, defines)
 COPY = """
 __kernel void copy(__global float *out, __global const float *in)
 {
-    out[get_global_id(0)] = in[get_global_id(0)];
+    out[get_global_id(0)] = NUMBER * in[get_global_id(0)];
 }
 """
 FULL = f"""
@@ -37,7 +37,7 @@ what = {{
         "copy", (64,), (16,), {{"in": data, "out": zeros(device, "out", 64, np.float32)}}
     ),
 }}[sys.argv[1]]
-with full_disk(most_bytes=10_000):
+with full_disk(most_bytes=1_000):
     what()
 """
 

@@ -106,11 +106,12 @@ def faults_of(function: Function, *, listed: bool = False) -> list[str]:
         missing = [one for one in named if not re.search(rf"\b{re.escape(one)}\b", part)]
         if missing:
             faults.append(f"{name}: Args lack {', '.join(missing)}")
-        returned = ARRAY.search(result) or SEVERAL.search(result)
-        says = "Returns" in text or SHAPE.match(text) or part is text
         if listed:
-            returned = result != "None" and parameters
+            returned = result != "None" and bool(parameters)
             says = "Returns:" in text or "returns" in text.partition("\n")[0]
+        else:
+            returned = bool(ARRAY.search(result) or SEVERAL.search(result))
+            says = "Returns" in text or bool(SHAPE.match(text)) or part is text
         if returned and not says:
             faults.append(f"{name}: Returns is missing for {result}")
         if (takes_array or ARRAY.search(result)) and not SHAPE.search(text):
