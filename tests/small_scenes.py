@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import cldit
 from cldit.gpu.device import Device, open_device
+from cldit.spray.result import Parcels, Spray
 
 SCENE: dict[str, Any] = {
     "name": "small",
@@ -29,6 +30,41 @@ TRANSPORT: dict[str, dict[str, Any]] = {
     "path": {"method": "path", "phase": "isotropic", "accuracy_K": 8.0},
     "branching": {"method": "branching", "phase": "isotropic", "order": 1},
 }
+
+
+COUNT, CELL_m, KELVIN = 9, 2.5e-3, 350.0  # of the deep block: cells along an edge
+
+
+def deep_block(diameter_m: float | NDArray[np.float64] = 1e-5) -> Spray:
+    """Cells of optical depth 8 at two sides of a block of thin ones: the thick region ends at cells
+    and at boundaries."""
+    place = np.indices((COUNT,) * 3).reshape(3, -1).T
+    deep = np.all((place >= (0, 3, 4)) & (place < (4, 6, COUNT)), axis=1)
+    diameter_m = np.broadcast_to(diameter_m, len(place))
+    area_m2 = 2.2 * np.pi / 4 * diameter_m**2  # of extinction
+    return Spray(
+        parcels=Parcels(
+            position_m=np.asarray((place + 0.5 - COUNT / 2) * CELL_m, np.float64),
+            diameter_m=diameter_m,
+            droplets=np.where(deep, 8.0, 0.1) * CELL_m**2 / area_m2,
+            temperature_K=np.full(len(place), KELVIN),
+            density_kg_m3=np.full(len(place), 600.0),
+        )
+    )
+
+
+def block_scene(pixels: int = 12, **sections: Any) -> cldit.Scene:
+    """Scene that the deep block fills."""
+    return cldit.Scene.from_dict(
+        {
+            "name": "block",
+            "spray": {"model": "none"},
+            "domain": {"edge_m": 16 * CELL_m, "leaf_edge_m": 1.01 * CELL_m},
+            "camera": {"pixels": [pixels, pixels], "field_m": [COUNT * CELL_m] * 2},
+            "background": {"radius_m": 0.03},
+            **sections,
+        }
+    )
 
 
 def weights(device: Device) -> dict[str, NDArray[Any]]:

@@ -96,6 +96,7 @@ class Launches:
     launches: Counter[str] = field(default_factory=Counter)
 
     def __call__(self, program: Program, kernel: str, arguments: Mapping[str, Any]) -> None:
+        """Compares what the first launches of a kernel write."""
         name = f"{program.name} {kernel}"
         variant = f"{name} {sorted(arguments)}"
         self.launches[variant] += 1

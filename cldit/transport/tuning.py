@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 ABLATION = "python -m tests.bench ablation"
+DECIDED = "docs/benchmarks/decided.md"
 ERROR = "python -m tests.bench error"
-MEMORY = "python -m tests.bench memory"
-SOLVER = "docs/benchmarks/decided.md"
 STABILITY = "python -m tests.bench stability"
 
 
@@ -30,17 +29,17 @@ class Tuning:
     # Ordinates and tolerance for an accuracy (settings_for).
     ordinates: int = _number(64, "for 0.1 K: error of the ordinates, time", ERROR)
     ordinates_phase: int = _number(80, "likewise with a phase function", ERROR)
-    tolerance: float = _number(6e-4, "of the source for 0.1 K: iterations, its error", SOLVER)
-    tolerance_most: float = _number(3e-4, "largest tolerance for any accuracy", SOLVER)
+    tolerance: float = _number(6e-4, "of the source for 0.1 K: iterations, its error", DECIDED)
+    tolerance_most: float = _number(3e-4, "largest tolerance for any accuracy", DECIDED)
 
     # Iteration to a residual, a weight. The defect correction removes what solver_rough leaves; the
     # numbers of vectors and iterations change the time alone.
     solver_share: float = _number(1 / 8, "ordinates of GMRES: time, remaining defect", ABLATION)
     solver_fewest: int = _number(16, "its fewest: the error of 8 in slabs is 0.1 %", ERROR)
-    solver_rough: float = _number(1e-2, "RMS error before the defect correction", SOLVER)
+    solver_rough: float = _number(1e-2, "RMS error before the defect correction", DECIDED)
     solver_peak: float = _number(2e-4, "largest residual of a cell: iterations", STABILITY)
-    krylov: int = _number(80, "vectors before a restart: memory, iterations", SOLVER)
-    krylov_bytes: float = _number(1e9, "of these vectors, beyond the first twelve", MEMORY)
+    krylov: int = _number(80, "vectors before a restart: memory, iterations", DECIDED)
+    krylov_bytes: float = _number(1e9, "of these vectors, beyond the first twelve", DECIDED)
     iterations: int = _number(600, "after which a source is refused", STABILITY)
     defect_ordinates: int = _number(8, "of the check of the sweeps' energy balance", STABILITY)
 

@@ -1,36 +1,21 @@
-"""Slabs against discrete ordinates: weights, and stated and true error of T_app.
-
-    python -m tests.bench slabs --accuracy 0.05
-    python -m tests.bench slabs --layers 32 --depths 100
-    python -m tests.bench slabs --phase 0.8     (or mie: droplets of 9 um)
-
-prints a row for each slab of 16 cells, or --layers, in front of a background that fills the half
-space. Errors are those of the weights of background and wall; the last two columns are the cost of
-the three Legendre moments of the sweeps, by PythonicDISORT. Needs PythonicDISORT.
-"""
+"""Slabs against discrete ordinates: weights, and stated and true error of T_app."""
 
 from __future__ import annotations
 
-import argparse
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import product
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cldit.bench.case import BenchError
 from cldit.bench.report import Table
 from cldit.errors import ClditError
-from cldit.gpu.device import open_device
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
-from tests.phase_tables import henyey_greenstein
 from tests.verify.blocks import Blocks
-from tests.verify.slab import EDGE, disort, droplets_of_9_um, run_slab
+from tests.verify.slab import EDGE, disort, run_slab
 from tests.verify.stated import Stated
 
 _SPRAY_K, _WALL_K = 400.0, 300.0
@@ -184,46 +169,3 @@ def cell(outcome: SlabOutcome) -> str:
     text = f"{'?' if known_K is None else f'{known_K:.2g}'}/{outcome.stated.true_K:.2g}"
     text = f"≥{text}" if outcome.stated.text.startswith("at least") else text
     return text if outcome.holds else f"**{text}**"
-
-
-def main() -> None:
-    """Prints a row for each slab."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plain", action="store_true", help="no final gather in thick cells")
-    parser.add_argument("--phase", default="isotropic", help="g of Henyey-Greenstein, or mie")
-    parser.add_argument("--depths", type=float, nargs="+", default=[0.01, 0.1, 1.0, 10.0, 100.0])
-    parser.add_argument("--albedos", type=float, nargs="+", default=[0.0, 0.5, 0.9, 0.999])
-    parser.add_argument("--accuracy", type=float, default=0.1)
-    parser.add_argument("--layers", type=int, default=16)
-    chosen = parser.parse_args()
-    need_discrete_ordinates()
-    print("depth  a cell  albedo  background  wall  emission  T_app stated K  by three moments")
-    with tempfile.TemporaryDirectory() as folder, droplets_of_9_um() as droplets:
-        blocks = Blocks(open_device(), Path(folder), Path(folder) / "cache")
-        phase: Any = chosen.phase
-        if phase == "isotropic":
-            moments = np.ones(1)
-        elif phase == "mie":
-            moments = droplets.moments(48)
-        else:
-            phase = {"henyey_greenstein": float(phase)}
-            moments = henyey_greenstein(float(chosen.phase)).moments(48)
-        transport = {"phase": phase, "gather": not chosen.plain, "accuracy_K": chosen.accuracy}
-        for depth, albedo in product(chosen.depths, chosen.albedos):
-            run = run_slab(blocks.run, depth, albedo, layers=chosen.layers, transport=transport)
-            behind, front = disort(depth, albedo, moments, streams=48)
-            three = disort(depth, albedo, moments, streams=48, swept=3)
-            known_K = run.info.accuracy_K
-            stated = "unknown" if known_K is None else f"{known_K:.3g}"
-            middle = run.weights.background.mean(), run.weights.wall.mean()
-            print(
-                f"{depth:5g} {depth / chosen.layers:7.3g} {albedo:7g} "
-                f"{middle[0] - behind:+11.4f} {middle[1] - front:+7.4f} "
-                f"{1.0 - behind - front:9.4f} {stated} "
-                f"{three[0] - behind:+.4f} {three[1] - front:+.4f}",
-                flush=True,
-            )
-
-
-if __name__ == "__main__":
-    main()

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.bench.__main__ import MEASUREMENTS, described
+from tests.bench.mutations import MUTATIONS, wrong_rows
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,6 +28,10 @@ def test_list_has_every_measurement() -> None:
 def test_every_measurement_has_a_command(name: str) -> None:
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
     assert re.search(r"^def main\(", source, re.MULTILINE)
+
+
+def test_mutations_follow_the_code() -> None:
+    assert wrong_rows(ROOT, range(len(MUTATIONS))) == []
 
 
 def test_named_measurements_exist() -> None:

@@ -21,11 +21,18 @@ DISC = np.array([8.0, 17.0, 9.0, 16.0])
 ENCLOSURE = np.array([0.0, 0.0, 0.0, np.inf])
 
 
-def random_tree(seed: int, *, cells: int = 16, scattering: float = 1.0) -> Octree:
-    """A block of random coefficients in part of the cube, with empty cells among them."""
+def random_tree(
+    seed: int, *, cells: int = 16, scattering: float = 1.0, hollow: bool = False
+) -> Octree:
+    """A block of random coefficients in part of the cube, with empty cells among them.
+
+    hollow: bricks from 8 to 16 along x are empty, and therefore coarse leaves, between others.
+    """
     rng = np.random.default_rng(seed)
     frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
     filled = rng.random((cells // 2, cells - 3, cells // 2)) < 0.7
+    if hollow:
+        filled[5:13] = False
     place = np.argwhere(filled) + np.array([3, 1, 5])
     lower = -EDGE_M / 2 + place * frame.cell_m
     values = rng.uniform(0.0, 0.6, (5, len(place))) / frame.cell_m

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from tests.small_scenes import agree, weights
+from tests.system.test_kernel_cache import COPY
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -94,11 +95,10 @@ def test_kernels_pass(intel: dict[str, str]) -> None:
 def test_a_damaged_binary_is_compiled_again(intel: dict[str, str], tmp_path: Path) -> None:
     """A program's file that is cut, as by a power failure, costs time only."""
     code = (
-        "from pathlib import Path; from cldit.gpu import program as module; "
+        "from cldit.gpu import program as module; "
         "from cldit.gpu.device import open_device; from cldit.gpu.program import build; "
-        f"bench = Path({str(ROOT)!r}, 'tests', 'bench'); "
-        "module.assemble = lambda name, **_: (bench / name).read_text(); "
-        "program = build(open_device('Intel(R) OpenCL'), 'roofline.cl', {'SIMD_WIDTH': 8}); "
+        f"module.assemble = lambda name, **_: {COPY!r}; "
+        "program = build(open_device('Intel(R) OpenCL'), 'copy', {'NUMBER': 1}); "
         "assert [name for name, _ in program.built.arguments['copy']] == ['out', 'in']"
     )
     environment = intel | {"XDG_CACHE_HOME": str(tmp_path)}

@@ -19,11 +19,10 @@ from cldit.errors import DeviceError
 from cldit.gpu.device import Device, open_device, split
 from cldit.prepare.medium import prepare
 from cldit.prepare.stages import Stages
-from cldit.spray.result import Parcels, Spray
 from cldit.transport.trace import settings_for, trace
 from tests.patience import HANG_s, until
+from tests.small_scenes import block_scene, deep_block
 
-COUNT, CELL = 9, 2.5e-3
 PHASES = ("isotropic", "mie")
 # Of 30 runs, the last 27 add 16 MB each where each opens the device anew. What the allocator moves
 # up and down was 2 MB; a tenth of what a single run in three would leave is allowed.
@@ -31,34 +30,9 @@ GROWTH_MB = 14.0
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 
 
-def droplets() -> Spray:
-    """Cells of optical depth 8 at two sides of a block of thin ones."""
-    place = np.indices((COUNT,) * 3).reshape(3, -1).T
-    middle = np.asarray((place + 0.5 - COUNT / 2) * CELL, np.float64)
-    deep = np.all((place >= (0, 3, 4)) & (place < (4, 6, COUNT)), axis=1)
-    area = 2.2 * np.pi / 4 * 1e-5**2  # of extinction
-    return Spray(
-        parcels=Parcels(
-            position_m=middle,
-            diameter_m=np.full(len(middle), 1e-5),
-            droplets=np.where(deep, 8.0, 0.1) * CELL**2 / area,
-            temperature_K=np.full(len(middle), 350.0),
-            density_kg_m3=np.full(len(middle), 600.0),
-        )
-    )
-
-
 def block(phase: str, pixels: int = 12) -> cldit.Scene:
-    return cldit.Scene.from_dict(
-        {
-            "name": "block",
-            "spray": {"model": "none"},
-            "domain": {"edge_m": 16 * CELL, "leaf_edge_m": 1.01 * CELL},
-            "camera": {"pixels": [pixels, pixels], "field_m": [COUNT * CELL] * 2},
-            "background": {"radius_m": 0.03},
-            "transport": {"audit": False, "accuracy_K": 1.0, "phase": phase},
-        }
-    )
+    transport = {"audit": False, "accuracy_K": 1.0, "phase": phase}
+    return block_scene(pixels, transport=transport)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +47,7 @@ def test_pictures_of_threads_equal_those_of_one(
     for phase in phases:
         scene = block(phase)
         stages = Stages(None)
-        medium = prepare(scene, device, stages, tmp_path, droplets()).grown(stages)
+        medium = prepare(scene, device, stages, tmp_path, deep_block()).grown(stages)
         table = (*medium.properties.phases, None)[0]
         made[phase] = (medium.trees[0], scene, settings_for(scene, table))
 
@@ -112,7 +86,7 @@ def test_each_thread_has_a_queue(device: Device) -> None:
 
 def _runs() -> None:
     """30 runs without `device=`; prints what memory the third and later ones leave, in MB."""
-    spray, cache = droplets(), Path(sys.argv[1])
+    spray, cache = deep_block(), Path(sys.argv[1])
     scene = block(PHASES[0], pixels=8)
     for run in range(30):
         cldit.simulate(scene, spray=spray, cache=cache)

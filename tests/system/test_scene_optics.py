@@ -58,8 +58,6 @@ def run_of(text: str, folder: Path, device: Device) -> Run:
     ("droplets", "sauter_um"),
     [
         ("{m_um: 1.5, n: 1.0, p: 3.0}", 9.0),  # m (p + 3)
-        (NINE_UM, 9.0),
-        ("{median_um: 6.0, sigma: 1.4}", 6.0 * np.exp(2.5 * np.log(1.4) ** 2)),
         ("{d_um: 10.0, q: 3.0}", 10.0 / gamma(1 - 1 / 3)),  # d / gamma(1 - 1 / q)
         # 15 and 5 a um: sums of (b^4 - a^4) / 4 over those of (b^3 - a^3) / 3
         (

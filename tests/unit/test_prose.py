@@ -15,8 +15,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 FIRST = re.compile(
     r"(What|How|Whether|That|Which|Who|Where|When|Why|Of|As|By|In|On|At|From|To|With|Without|For"
@@ -91,21 +89,12 @@ def test_plain_english() -> None:
     assert not found, "\n".join(found)
 
 
-@pytest.mark.parametrize(
-    ("source", "count"),
-    [
-        ('"""Whether a thing is so."""', 1),
-        ('"""True if a thing is so."""', 0),
-        ('raise ValueError("x: allowed are 1 and 2")', 1),
-        ('raise ValueError("x: 3; allowed: 1 and 2")', 0),
-        ('name = "runs/gdi/pictures/maps.png is written"', 0),
-        ("a = 1  # the picture errs by 2 K", 2),
-    ],
-)
-def test_faults_are_found(tmp_path: Path, source: str, count: int) -> None:
+def test_faults_are_found(tmp_path: Path) -> None:
     path = tmp_path / "module.py"
-    path.write_text(source + "\n")
-    assert len(list(of_python(path))) == count
+    path.write_text(
+        '"""Whether a thing is so."""\na = "pictures/maps.png is"  # the picture errs\n'
+    )
+    assert [line for line, _ in of_python(path)] == [1, 2, 2]
 
 
 if __name__ == "__main__":

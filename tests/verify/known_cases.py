@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 
 from cldit.run import Run
 from cldit.transport.tuning import Tuning
@@ -19,7 +18,6 @@ from tests.verify.blocks import Blocks
 from tests.verify.cavity import ALBEDOS, CELLS, DEPTHS, EDGE_M, T_K, cavity, departure
 from tests.verify.stated import apparent_K
 
-_POISON_BYTES = 64 << 20
 # Of a few hundred roundings to 6e-8 of either sign: the sources of sixteen cells along a line, each
 # a sum over some thirty ordinates.
 _ROUNDED = 3e-5
@@ -194,22 +192,6 @@ def _grazing(model: str) -> Callable[[Blocks], float]:
     return measure
 
 
-def _poisoned(blocks: Blocks) -> float:
-    """Difference between a run, and the same after the device's memory was filled with NaN."""
-    first = _cavity(blocks, depth=0.5, albedo=0.7)
-    queue = blocks.device.queue
-    size = min(_POISON_BYTES, blocks.device.info.largest_buffer_bytes)
-    for _ in range(4):
-        buffer = cl.Buffer(blocks.device.context, cl.mem_flags.READ_WRITE, size)
-        cl.enqueue_fill_buffer(queue, buffer, np.full(1, np.nan, np.float32), 0, size).wait()
-        buffer.release()
-    second = _cavity(blocks, depth=0.5, albedo=0.7)
-    parts = second.weights.images
-    return float(
-        max(np.max(np.abs(image - parts[name])) for name, image in first.weights.images.items())
-    )
-
-
 def _nothing(blocks: Blocks) -> float:
     run = _traced(blocks, {"vapour_absorption_per_m": 0.0})
     return float(np.max(np.abs(run.weights.background + run.weights.wall - 1.0)))
@@ -248,7 +230,6 @@ def _others(*, few: bool) -> Iterator[Case]:
     for model in ("orthographic", "pinhole"):
         name = f"lines in faces, edges and corners of cells, {model}"
         yield Case("lines of sight", name, 1e-5, _grazing(model))
-    yield Case("memory", "device memory filled with NaN before the run", 0.0, _poisoned)
     for method in () if few else ("source and gather", "path", "branching"):
         for depth in (1e-6, 100.0, 1e6):
             yield Case(

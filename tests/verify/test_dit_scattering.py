@@ -40,11 +40,6 @@ from cldit.scene import load_scene, parse_scene
 from cldit.scene.schema import Scene
 from cldit.scene.spray import EmptySpray
 from cldit.scene.vessel import Patch
-from tests.bench.scattering.estimators import droplet_radiance
-from tests.bench.scattering.models import RIGHT, wrong_models
-from tests.bench.scattering.page import scattering_page
-from tests.bench.scattering.run import scattering_study
-from tests.bench.scattering.truth import solid_angles, with_plates
 from tests.small_scenes import WHOLE
 
 FILTER = (3.3, 3.5)
@@ -197,16 +192,6 @@ def test_parts_that_cannot_be_told_apart_are_named() -> None:
         scattered_by(*_spray()[:2], light[0])
 
 
-def test_droplets_are_told_from_vapour_by_the_model_alone() -> None:
-    spray, bare, _, liquid = _spray()
-    scattered = scattered_by(spray, bare, _light(450.0))
-    radiance = droplet_radiance(_maps(450.0), spray, liquid, scattered, CURVE)
-    kelvin = CURVE.temperature(radiance)
-    told = np.isfinite(kelvin)
-    assert told.mean() > 0.7
-    np.testing.assert_allclose(kelvin[told], DROPLETS_K, atol=0.05)
-
-
 @pytest.mark.parametrize("walls", [(450.0, 400.0), (450.0, 350.0)])
 def test_errors_of_two_walls_by_brute_force(walls: tuple[float, float]) -> None:
     """T_app of both walls drawn 2000 times with their stated errors: spread as stated to 15 %."""
@@ -289,50 +274,3 @@ def test_a_model_makes_droplets_their_own_temperature(device: Device, tmp_path: 
     # As many as there are pixels; the model itself is traced to 0.1 K.
     assert abs(np.mean(pull)) < 4.0 / np.sqrt(sure.sum()) + 0.2
     assert np.mean(pull**2) == pytest.approx(1.0, abs=0.6)
-
-
-def test_plates_fill_the_solid_angle_of_a_disc_seen_from_its_axis() -> None:
-    """2 pi (1 - d / sqrt(d^2 + r^2)); 40 000 even directions are good for 1 %."""
-    scene = with_plates(_small())
-    data = scene.model_dump(mode="json")
-    data["camera"]["target_m"] = list(scene.domain.centre_m)
-    angles = solid_angles(parse_scene(data))
-    wanted = {
-        "background": 2 * np.pi * (1 - 0.1 / np.hypot(0.1, 0.08)),
-        "beside": 2 * np.pi * (1 - 0.1 / np.hypot(0.1, 0.08)),
-        "before": 2 * np.pi * (1 - 0.1 / np.hypot(0.1, 0.08)),
-        "ring": 2 * np.pi * (0.1 / np.hypot(0.1, 0.08) - 0.1 / np.hypot(0.1, 0.12)),
-    }
-    for name, angle in wanted.items():
-        assert angles[name] == pytest.approx(angle, rel=0.01), name
-
-
-@pytest.mark.slow
-def test_the_study_says_what_is_gained(device: Device, tmp_path: Path) -> None:
-    """Droplets alone: a model 20 % off still leaves less than half of plain DIT's error, and
-    bounds hold where the way to them is right."""
-    study = scattering_study(_small(accuracy_K=0.1), device, cache=tmp_path)
-    rows = {(row.method, row.needs): row for row in study.rows}
-    plain = rows["plain DIT", "nothing"].droplets
-    assert plain.rms_K > 10.0 and study.wet == 1.0 and plain.held < 0.1
-    for model in wrong_models(_small()):
-        known = rows["scattered share", f"model: {model}"].droplets
-        # 0.2 K: accuracy of the trace
-        assert known.rms_K < (0.2 if model == RIGHT else 0.5 * plain.rms_K)
-    walls = [row.medium for row in study.rows if row.method == "two walls"]
-    assert walls[0] is not None and walls[1] is not None
-    assert walls[0].rms_K < 0.2 < walls[1].rms_K
-    # Two standard errors: 95 %, of some hundred pixels that share nothing.
-    around = rows["background all round", "walls that follow it"].droplets
-    assert around.rms_K < 0.2 and 0.88 < around.held <= 1.0 and 0.88 < walls[0].held <= 1.0
-    assert rows["plain DIT as a bound", "T_wall"].droplets.held > 0.95
-    for method in ("two filters, a slab", "two discs", "three cold plates"):
-        best = min(row.droplets.rms_K for row in study.rows if row.method == method)
-        assert best < 0.8 * plain.rms_K, method
-    page = scattering_page(study, command="")
-    assert len(page.table) == len(study.rows) and "K too warm" in page.findings[0]
-
-
-def test_the_study_refuses_what_it_cannot_vary() -> None:
-    with pytest.raises(EvaluationError, match="allowed: one with plumes"):
-        wrong_models(Scene(name="t", spray=EmptySpray()))

@@ -22,18 +22,6 @@ from cldit.transport.energy_balance import EnergyBalance
 EDGE = 0.2
 
 
-GATHERED = pytest.mark.parametrize(
-    "transport",
-    [
-        pytest.param({}, marks=pytest.mark.slow),
-        {"phase": {"henyey_greenstein": 0.85}},
-        pytest.param(
-            {"phase": {"henyey_greenstein": 0.85}, "gather": False}, marks=pytest.mark.slow
-        ),
-    ],
-)
-
-
 def block(run_block: Callable[..., Run], *, scattering: float = 0.7, **transport: Any) -> Run:
     """At temperatures of their own: no cavity, so that the weights alone prove nothing."""
     per_m = 0.5 / (EDGE / 16)
@@ -57,8 +45,6 @@ def block(run_block: Callable[..., Run], *, scattering: float = 0.7, **transport
     "transport",
     [
         {},
-        pytest.param({"order": 0}, marks=pytest.mark.slow),
-        pytest.param({"order": 2}, marks=pytest.mark.slow),
         {"phase": {"henyey_greenstein": 0.85}},
         pytest.param({"gather": True, "accuracy_K": 1.0}, marks=pytest.mark.slow),
     ],
@@ -78,7 +64,15 @@ def test_a_medium_that_does_not_scatter_closes(run_block: Callable[..., Run]) ->
     assert abs(run.info.closure.largest) < 2e-6
 
 
-@GATHERED
+@pytest.mark.parametrize(
+    "transport",
+    [
+        {"phase": {"henyey_greenstein": 0.85}},
+        pytest.param(
+            {"phase": {"henyey_greenstein": 0.85}, "gather": False}, marks=pytest.mark.slow
+        ),
+    ],
+)
 def test_droplets_of_one_temperature_emit_what_they_hide(
     run_block: Callable[..., Run], transport: dict[str, Any]
 ) -> None:
@@ -109,11 +103,8 @@ def test_droplets_of_one_temperature_emit_what_they_hide(
     np.testing.assert_allclose(liquid / black, hidden, atol=1e-3)
 
 
-@pytest.mark.parametrize("transport", [{}, pytest.param({"order": 1}, marks=pytest.mark.slow)])
-def test_path_closes_but_for_noise(
-    run_block: Callable[..., Run], transport: dict[str, Any]
-) -> None:
-    found = block(run_block, method="path", accuracy_K=1.0, **transport).info.closure
+def test_path_closes_but_for_noise(run_block: Callable[..., Run]) -> None:
+    found = block(run_block, method="path", accuracy_K=1.0).info.closure
     assert found is not None
     assert found.value == "mean"
     assert 1e-5 < abs(found.largest) < 0.1

@@ -10,12 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.bench.case import BenchError
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
 from cldit.run import Run
-from tests.bench import slabs as module
-from tests.bench import stability
 from tests.bench.slabs import Slab, SlabOutcome, bench_slabs, exact, slab_table, slabs
 from tests.bench.stability import bench_stability, known_table
 from tests.verify.blocks import Blocks
@@ -66,13 +63,6 @@ def test_every_kind_is_among_the_few() -> None:
     assert few <= every
     assert every - few == {f"method {name}" for name in ("source and gather", "path", "branching")}
     assert "256 x 256 x 152 = 1.0e7 cells" in {case.name for case in cases()}
-
-
-def test_missing_solver_is_reported_before_any_case(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "find_spec", lambda name: None)
-    monkeypatch.setattr(stability, "write_measured", lambda _: pytest.fail("a case would run"))
-    with pytest.raises(BenchError, match="pip install PythonicDISORT"):
-        stability.main()
 
 
 def test_missed_bounds_are_marked(device: Device) -> None:
@@ -143,15 +133,6 @@ def test_rows_of_extreme_media() -> None:
     assert replace(bad, stated=Stated(1.0, "1 K", 3.0, doubt_K=1.1)).holds
 
 
-def test_refused_case_is_reported(blocks: Blocks) -> None:
-    def fail(blocks: Blocks) -> object:
-        raise TransportError("light is lost")
-
-    (outcome,) = bench_extremes(blocks, [Extreme("dark", fail)])  # type: ignore[arg-type]
-    assert not outcome.holds
-    assert "**light is lost**" in extremes_table([outcome]).markdown()
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("case", extremes()[:-1], ids=lambda case: case.name)
 def test_extreme_media_hold(blocks: Blocks, case: Extreme) -> None:
@@ -205,13 +186,6 @@ def test_a_false_slab_is_marked() -> None:
     refused = replace(bad, stated=None, message="refused")
     assert not refused.holds
     assert "**refused**" in slab_table([refused]).markdown()
-
-
-def test_one_thick_layer_has_a_row_of_its_own() -> None:
-    stated = Stated(0.5, "0.5 K", 0.4)
-    made = [SlabOutcome(Slab(10.0, 0.9, 0.0, layers), (1, 0, 0), (1, 0, 0), stated)
-            for layers in (4, 1)]  # fmt: skip
-    assert [row[2] for row in slab_table(made).rows] == ["", "1"]
 
 
 @pytest.mark.slow

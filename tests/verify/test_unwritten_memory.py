@@ -17,10 +17,9 @@ import pytest
 import cldit
 from cldit.gpu.device import Device
 from cldit.run import Run
-from cldit.spray.result import Parcels, Spray
 from cldit.transport.thick_region import ThickRegion
+from tests.small_scenes import COUNT, KELVIN, block_scene, deep_block
 
-COUNT, CELL, KELVIN = 9, 2.5e-3, 350.0
 CUTOFF = 1e-4  # of transmission
 FORWARD = {"henyey_greenstein": 0.6}
 SPECTRAL = {"preset": "spectral", "wavelengths": 2, "compare_paper": False}
@@ -30,53 +29,18 @@ CASES: dict[str, dict[str, Any]] = {
     "source, few directions": {  # one octant has none of the last twelve
         "transport": {"phase": {"henyey_greenstein": 0.9}, "directions": 4}
     },
-    "source, Mie": {"transport": {"phase": "mie"}},
-    "source, wavelengths": {"optics": SPECTRAL, "transport": {"phase": "isotropic"}},
     "source, Mie, wavelengths": {"optics": SPECTRAL, "transport": {"phase": "mie"}},
-    "path": {"transport": {"method": "path", "max_samples": 128}},
     "path, Mie": {"transport": {"method": "path", "max_samples": 128, "phase": "mie"}},
-    "path, Mie, wavelengths": {
-        "optics": SPECTRAL,
-        "transport": {"method": "path", "max_samples": 128, "phase": "mie"},
-    },
     "branching": {"transport": {"method": "branching", "order": 1}},
-    "branching, wavelengths": {
-        "optics": SPECTRAL,
-        "transport": {"method": "branching", "order": 1},
-    },
 }
-
-
-def droplets() -> Spray:
-    """Cells of optical depth 8 at two sides of a block of thin ones: the thick region ends at
-    cells and at boundaries."""
-    place = np.indices((COUNT,) * 3).reshape(3, -1).T
-    middle = np.asarray((place + 0.5 - COUNT / 2) * CELL, np.float64)
-    deep = np.all((place >= (0, 3, 4)) & (place < (4, 6, COUNT)), axis=1)
-    diameter = np.linspace(8e-6, 12e-6, len(middle))
-    area = 2.2 * np.pi / 4 * diameter**2  # of extinction
-    return Spray(
-        parcels=Parcels(
-            position_m=middle,
-            diameter_m=diameter,
-            droplets=np.where(deep, 8.0, 0.1) * CELL**2 / area,
-            temperature_K=np.full(len(middle), KELVIN),
-            density_kg_m3=np.full(len(middle), 600.0),
-        )
-    )
 
 
 def traced(device: Device, cache: Path, case: dict[str, Any]) -> Run:
     transport = {"audit": False, "accuracy_K": 1.0, "cutoff": CUTOFF, **case["transport"]}
-    scene = {
-        "name": "block",
-        "spray": {"model": "none"},
-        "domain": {"edge_m": 16 * CELL, "leaf_edge_m": 1.01 * CELL},
-        "camera": {"pixels": [12, 12], "field_m": [COUNT * CELL] * 2},
-        "background": {"radius_m": 0.03},
-    }
-    data = {**scene, **case, "transport": transport}
-    return cldit.simulate(cldit.Scene.from_dict(data), device=device, cache=cache, spray=droplets())
+    scene = block_scene(**{**case, "transport": transport})
+    return cldit.simulate(
+        scene, device=device, cache=cache, spray=deep_block(np.linspace(8e-6, 12e-6, COUNT**3))
+    )
 
 
 def apart(thick: ThickRegion | None) -> ThickRegion | None:

@@ -162,6 +162,7 @@ def test_a_mean_and_its_nominal_injection_have_one_spray(made: Run) -> None:
     assert "spray" not in _same_parts(made, _members(made)[0])
 
 
+@pytest.mark.slow
 def test_two_ensembles_are_compared_by_permutation(
     scene: Scene, made: Run, device: Device, tables: Path, tmp_path: Path
 ) -> None:
