@@ -100,6 +100,16 @@ def cases(*, simulated: bool = True) -> list[Any]:
     ]
 
 
+def in_tiers() -> list[Any]:
+    """Beds of all drivers of instruments; those beside `FIRST` are for the second tier."""
+    return [
+        case
+        if case.id in FIRST
+        else pytest.param(*case.values, id=case.id, marks=[*case.marks, pytest.mark.slow])
+        for case in cases(simulated=False)
+    ]
+
+
 def _variants(driver: str) -> list[str]:
     try:
         return ["simulated"] if driver in SIMULATED else list(BEDS.get(driver) or beds_of(driver))

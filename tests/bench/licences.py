@@ -18,7 +18,7 @@ from cldit.show.page import Page, Table
 
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 _TITLE = "Licences"
-OF_DEVELOPERS = ("dev", "docs")  # extras that no user installs
+OF_DEVELOPERS = ("dev", "docs", "peers")  # extras that no user installs
 
 # Packages without `License-Expression` in their metadata, by their licence files.
 BY_FILE = {

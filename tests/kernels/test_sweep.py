@@ -33,7 +33,6 @@ WINDOWS = (
     Patch(name="window", centre_m=(-0.1, 0, 0), facing="+x", radius_m=0.05, temperature_K=295),
     Patch(
         name="plate",
-        shape="rectangle",
         centre_m=(0, 0.02, 0.09),
         facing=(0.1, 0.2, -1.0),
         size_m=(0.08, 0.2),
