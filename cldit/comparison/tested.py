@@ -89,7 +89,8 @@ class Tested:
 
     regions: `all` pixels that are visible in both, and the parts of the spray. modes: errors that
     all pixels share, with their best sizes. own_K: (H, W) independent standard error; error_K: with
-    the modes; NaN without stated errors. degrees: of freedom of both. where: parts (H, W).
+    the modes; NaN without stated errors. degrees: of freedom of both. where: parts (H, W);
+    thin: the half of the pixels with the smaller emissivity.
     residuals: (H, W) in standard errors, less the modes that fit best.
     """
 
@@ -100,6 +101,7 @@ class Tested:
     residuals: Floats
     degrees: tuple[float, float]
     where: dict[str, Mask]
+    thin: Mask
 
     def again(self, change_K: Floats, name: str = "all") -> ChiSquare | None:
         """Chi-square of another change (H, W) with the same errors, in a region."""
@@ -112,6 +114,7 @@ class Tested:
             self.where[name],
             degrees=self.degrees,
             parts=parts if name == "all" else (),
+            strata=(self.thin, ~self.thin),
         )
 
 
@@ -119,6 +122,10 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
     """Test of a change of T_app; `of_view` are changes by the errors of an alignment."""
     spray = seen_in_both(baseline, compared)
     regions = spray.regions
+    # The amount of spray scatters smoothly and changes thin pixels; the errors of opaque ones are
+    # the camera's. So the errors of either half are correlated otherwise.
+    seen = spray.emissivity[spray.visible]
+    thin = spray.emissivity <= (np.median(seen) if seen.size else 0.0)
     modes = shared_modes(baseline, compared) + tuple(
         Mode(f"view {number}", kelvin, 0.0 * kelvin)
         for number, kelvin in enumerate(of_view, start=1)
@@ -138,6 +145,7 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
             residuals=nothing,
             degrees=(np.inf, np.inf),
             where=regions,
+            thin=thin,
         )
     variance = of_baseline + of_compared + _ROUNDED_K**2
     finite = spray.visible & np.isfinite(variance)
@@ -165,6 +173,7 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
             combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes]),
         ),
         where=regions,
+        thin=thin,
     )
     results = {name: statistic.again(change_K, name) for name in regions}
     of_all = results["all"]
