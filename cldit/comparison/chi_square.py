@@ -102,17 +102,16 @@ def chi_square(
     )
     span = _span(b, [np.where(part, even, 0.0) for part in parts])
     noise = z - (span @ z) @ span
+    scatter = np.zeros((len(span), len(span)))
+    chances, sum_squares, sum_products = list[float](), 0.0, 0.0
     residuals = np.full(change.shape, np.nan)
-    scatter, chances = np.zeros((len(span), len(span))), list[float]()
-    sum_squares = sum_products = 0.0
     for stratum in strata:
         residuals[where] = np.where(stratum, noise, np.nan)
         squares, products = correlation(residuals)
         scatter += products * span[:, stratum] @ span[:, stratum].T
         sum_squares += squares * np.sum(stratum)
         sum_products += products * np.sum(stratum)
-        for part in parts:
-            inside = part & stratum
+        for inside in (part & stratum for part in parts):
             freedom = float(np.sum(inside) - products * np.sum(span[:, inside] ** 2))
             if freedom >= 1.0:
                 beside, independent = np.sum(noise[inside] ** 2) / freedom, freedom / squares
@@ -122,16 +121,8 @@ def chi_square(
     residuals[where] = z - sizes @ b
     seen = np.inf
     if len(span):
-        along = span @ b.T
-        inverse = np.linalg.inv(scatter + along @ along.T)
-        share = float(np.trace(inverse @ along @ along.T)) / len(span)
-        degrees_of_modes = min(degrees[1] / max(share, 1e-6) ** 2, _MANY)
-        statistic = float(span @ z @ inverse @ (span @ z)) / len(span)
-        chances.append(_chance(statistic, len(span), degrees_of_modes))
-        level = -np.expm1(np.log1p(-LEVEL) / len(chances))
-        least = fdtri(len(span), degrees_of_modes, 1.0 - level)
-        needed = ncfdtrinc(len(span), degrees_of_modes, 1.0 - POWER, least)
-        seen = float(np.sqrt(needed / (span @ even @ inverse @ (span @ even))))
+        chance, seen = _along(span, z, b, even, scatter, degrees=degrees[1], beside=len(chances))
+        chances.append(chance)
     return ChiSquare(
         pixels=count,
         effective=count**2 / sum_squares,
@@ -142,6 +133,31 @@ def chi_square(
         sizes=sizes,
         residuals=residuals,
     )
+
+
+def _along(
+    span: Floats,
+    z: Floats,
+    b: Floats,
+    even: Floats,
+    scatter: Floats,
+    *,
+    degrees: float,
+    beside: int,
+) -> tuple[float, float]:
+    """Probability of a larger z along the span, and the least shift seen in 1 + `beside` tests.
+
+    scatter: covariance of the noise along the span; degrees: of freedom of the modes' sizes.
+    """
+    count, along = len(span), span @ b.T
+    inverse = np.linalg.inv(scatter + along @ along.T)
+    share = float(np.trace(inverse @ along @ along.T)) / count
+    degrees = min(degrees / max(share, 1e-6) ** 2, _MANY)
+    statistic, square = (float(span @ image @ inverse @ (span @ image)) for image in (z, even))
+    level = -np.expm1(np.log1p(-LEVEL) / (beside + 1))
+    least = fdtri(count, degrees, 1.0 - level)
+    seen = float(np.sqrt(ncfdtrinc(count, degrees, 1.0 - POWER, least) / square))
+    return _chance(statistic / count, count, degrees), seen
 
 
 def _span(modes: Floats, shifts: Sequence[Floats]) -> Floats:

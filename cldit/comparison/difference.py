@@ -25,6 +25,7 @@ from cldit.run.ensemble import INJECTIONS
 from cldit.scene.keys import KeyDifference, key_differences
 
 Align = Literal["metadata", "images"]
+_COMPARED = {"apparent_temperature_K": "K", "emissivity": "1", "optical_depth": "1"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,11 +249,9 @@ def difference(
         kelvin = maps.apparent_temperature_K.astype(np.float64)
         return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
 
-    t_one, t_other = (
-        shown.maps.apparent_temperature_K.astype(np.float64) for shown in (reference, result)
-    )
-    has = np.isfinite(t_one), np.isfinite(t_other)
-    change_K = t_other - t_one
+    kelvin = [shown.maps.apparent_temperature_K.astype(np.float64) for shown in (reference, result)]
+    has, other_has = (np.isfinite(image) for image in kelvin)
+    change_K = kelvin[1] - kelvin[0]
     test = tested(change_K, reference, result, of_view)
     p_value = test.regions["all"].p_value
     explained = tuple[Cause, ...]()
@@ -262,12 +261,8 @@ def difference(
     return Difference(
         one=reference.name,
         other=result.name,
-        maps=(
-            _of("apparent_temperature_K", "K", reference, result),
-            _of("emissivity", "1", reference, result),
-            _of("optical_depth", "1", reference, result),
-        ),
-        only=(int(np.sum(has[0] & ~has[1])), int(np.sum(has[1] & ~has[0]))),
+        maps=tuple(_of(name, unit, reference, result) for name, unit in _COMPARED.items()),
+        only=(int(np.sum(has & ~other_has)), int(np.sum(other_has & ~has))),
         stated_K=stated_K,
         unshared_K=(reference.error_K, result.error_K),
         unshared_emissivity=(reference.emissivity_error, result.emissivity_error),

@@ -132,21 +132,21 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
     )
     of_baseline, of_compared = (shown.independent_K2 for shown in (baseline, compared))
     nothing = np.full(change_K.shape, np.nan)
+    untested = Tested(
+        regions={
+            name: RegionDifference(pixels=int(np.count_nonzero(where & np.isfinite(change_K))))
+            for name, where in regions.items()
+        },
+        modes=(),
+        own_K=nothing,
+        error_K=nothing,
+        residuals=nothing,
+        degrees=(np.inf, np.inf),
+        where=regions,
+        thin=thin,
+    )
     if of_baseline is None or of_compared is None:
-        finite = np.isfinite(change_K)
-        return Tested(
-            regions={
-                name: RegionDifference(pixels=int(np.count_nonzero(where & finite)))
-                for name, where in regions.items()
-            },
-            modes=(),
-            own_K=nothing,
-            error_K=nothing,
-            residuals=nothing,
-            degrees=(np.inf, np.inf),
-            where=regions,
-            thin=thin,
-        )
+        return untested
     variance = of_baseline + of_compared + _ROUNDED_K**2
     finite = spray.visible & np.isfinite(variance)
     weights = [float(np.sum(mode.kelvin[finite] ** 2 / variance[finite])) for mode in modes]
@@ -158,22 +158,16 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
     shares = [
         float(np.sum(square[finite] / variance[finite])) for square in (of_baseline, of_compared)
     ]
-    statistic = Tested(
-        regions={},
+    of_pixels = combined_degrees(
+        shares, [baseline.degrees, compared.degrees], total_variance=finite.sum()
+    )
+    of_modes = combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes])
+    statistic = replace(
+        untested,
         modes=modes,
         own_K=np.sqrt(variance),
         error_K=np.sqrt(variance + sum((mode.kelvin**2 for mode in modes), 0.0)),
-        residuals=nothing,
-        degrees=(
-            combined_degrees(
-                shares,
-                [shown.degrees for shown in (baseline, compared)],
-                total_variance=finite.sum(),
-            ),
-            combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes]),
-        ),
-        where=regions,
-        thin=thin,
+        degrees=(of_pixels, of_modes),
     )
     results = {name: statistic.again(change_K, name) for name in regions}
     of_all = results["all"]
