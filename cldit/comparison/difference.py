@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.camera.alignment import Alignment
 from cldit.comparison.causes import Cause, causes, trials
 from cldit.comparison.chi_square import LEVEL
 from cldit.comparison.members import injections_p
@@ -236,19 +237,9 @@ def difference(
     by_images = align == "images"
     reference, result, averaged = together(parts.baseline, parts.compared, centred=not by_images)
     unaligned = parts.baseline, parts.compared
-    view, of_view, swapped = None, list[Floats](), result.noisy and not reference.noisy
+    view, of_view = None, list[Floats]()
     if by_images:
         reference, result, view, of_view = aligned(reference, result)
-    traced = 1 if unaligned[1].run is not None else 0
-
-    def onto(trace: Shown) -> Floats:
-        """T_app of a trace, one of both evaluated otherwise, on the common pixels."""
-        pair = (unaligned[0], trace) if traced else (trace, unaligned[1])
-        pair = together(*pair, centred=not by_images)[:2]
-        maps = pair[traced].maps
-        kelvin = maps.apparent_temperature_K.astype(np.float64)
-        return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
-
     kelvin = [shown.maps.apparent_temperature_K.astype(np.float64) for shown in (reference, result)]
     has, other_has = (np.isfinite(image) for image in kelvin)
     change_K = kelvin[1] - kelvin[0]
@@ -256,6 +247,7 @@ def difference(
     p_value = test.regions["all"].p_value
     explained = tuple[Cause, ...]()
     if p_value is not None and p_value < LEVEL:
+        onto = partial(_onto, unaligned, view)
         explained = causes(change_K, test, trials(*unaligned, (reference, result), onto))
     scenes = [shown.scene or (shown.traced and shown.traced.scene) for shown in unaligned]
     return Difference(
@@ -283,6 +275,16 @@ def difference(
         error_K=test.error_K,
         residuals=test.residuals,
     )
+
+
+def _onto(both: tuple[Shown, Shown], view: Alignment | None, trace: Shown) -> Floats:
+    """T_app (H, W) of a trace, one of `both` evaluated otherwise, on the common pixels."""
+    traced = 1 if both[1].run is not None else 0
+    pair = (both[0], trace) if traced else (trace, both[1])
+    averaged = together(*pair, centred=view is None)[:2]
+    kelvin = averaged[traced].maps.apparent_temperature_K.astype(np.float64)
+    swapped = both[1].noisy and not both[0].noisy
+    return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
 
 
 def _of(name: str, unit: str, baseline: Shown, compared: Shown) -> MapDifference:

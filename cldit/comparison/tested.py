@@ -155,18 +155,18 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
         if number not in kept:  # as if it were independent
             variance = variance + mode.kelvin**2
     modes = tuple(modes[number] for number in kept)
-    shares = [
-        float(np.sum(square[finite] / variance[finite])) for square in (of_baseline, of_compared)
-    ]
     of_pixels = combined_degrees(
-        shares, [baseline.degrees, compared.degrees], total_variance=finite.sum()
+        [float(np.sum((of / variance)[finite])) for of in (of_baseline, of_compared)],
+        [baseline.degrees, compared.degrees],
+        total_variance=finite.sum(),
     )
     of_modes = combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes])
+    total = variance + sum((mode.kelvin**2 for mode in modes), 0.0)
     statistic = replace(
         untested,
         modes=modes,
         own_K=np.sqrt(variance),
-        error_K=np.sqrt(variance + sum((mode.kelvin**2 for mode in modes), 0.0)),
+        error_K=np.sqrt(total),
         degrees=(of_pixels, of_modes),
     )
     results = {name: statistic.again(change_K, name) for name in regions}
