@@ -27,6 +27,7 @@ from cldit.scene.keys import KeyDifference, key_differences
 
 Align = Literal["metadata", "images"]
 _COMPARED = {"apparent_temperature_K": "K", "emissivity": "1", "optical_depth": "1"}
+_CONCLUSIONS = ("differs", "region", "effect_K", "interval_K", "seen_K", "p_value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,15 +146,11 @@ class Difference:
     @property
     def verdict(self) -> Verdict:
         """Conclusion, with effect, power, keys and causes."""
-        chances = {
-            name: region.p_value
-            for name, region in self.regions.items()
-            if region.p_value is not None
-        }
-        if self._untested or not chances:
+        if self._untested:
             return Verdict(differs=None, reason=self._untested, keys=self.keys)
         differs = not self.within
-        name = min(self.where, key=lambda name: chances[name]) if differs and self.where else "all"
+        chances = {name: self.regions[name].p_value or 0.0 for name in self.where}
+        name = min(chances, key=lambda name: chances[name]) if differs and chances else "all"
         region = self.regions[name]
         return Verdict(
             differs=differs,
@@ -204,12 +201,7 @@ class Difference:
             "where": self.where,
             "verdict": {
                 "text": verdict.lines,
-                "differs": verdict.differs,
-                "region": verdict.region,
-                "effect_K": verdict.effect_K,
-                "interval_K": verdict.interval_K,
-                "seen_K": verdict.seen_K,
-                "p_value": verdict.p_value,
+                **{name: getattr(verdict, name) for name in _CONCLUSIONS},
                 "causes": [asdict(cause) for cause in verdict.causes],
             },
         }

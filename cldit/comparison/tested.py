@@ -12,13 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cldit.arrays import Floats, Mask
-from cldit.comparison.chi_square import (
-    LEVEL,
-    ChiSquare,
-    chi_square,
-    combined_degrees,
-    probability,
-)
+from cldit.comparison.chi_square import LEVEL, ChiSquare, chi_square, combined_degrees, probability
 from cldit.comparison.regions import Spray2D, positions_m
 from cldit.comparison.shown import Shown
 from cldit.dit.budget import Part
@@ -184,10 +178,7 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
 
 
 def _region(
-    change_K: Floats,
-    error_K: Floats,
-    modes: tuple[Mode, ...],
-    result: ChiSquare | None,
+    change_K: Floats, error_K: Floats, modes: tuple[Mode, ...], result: ChiSquare | None
 ) -> RegionDifference:
     if result is None or result.pixels < _LEAST_PIXELS:
         return RegionDifference(pixels=0 if result is None else result.pixels)

@@ -87,15 +87,21 @@ class RadianceData:
         leaving = boundary.leaving(scene.background.temperatures_K)
         steep = emissivity * curve.slope(kelvin)
         of_e, of_t = spread[where], square_K2[where]
-        middle, of_y = _independent(
-            radiance,
-            steep,
-            leaving,
-            of_e=of_e,
-            of_t=of_t,
-            covariance=data.independent_covariance_K[where],
+        largest_covariance = np.sqrt(of_e * of_t)
+        covariance = np.clip(
+            data.independent_covariance_K[where], -largest_covariance, largest_covariance
         )
+        finite = np.isfinite(covariance)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            middle = np.where(finite, radiance + steep * covariance / of_e, leaving.mean())
+        darkest, brightest = leaving.min(), np.maximum(leaving.max(), radiance)
+        middle = np.clip(np.nan_to_num(middle), darkest, brightest)
         over = radiance - middle
+        square_of_t = steep**2 * of_t
+        mixed = steep * np.where(
+            finite, over * np.nan_to_num(covariance), np.abs(over) * largest_covariance
+        )
+        of_y = np.maximum(square_of_t + over**2 * of_e + 2.0 * mixed, _LEAST * square_of_t)
         error_K = simulated.error_map_K
         of_model = np.full(where.shape, simulated.error_K or 0.0) if error_K is None else error_K
         of_y = of_y + (steep * np.nan_to_num(of_model[where])) ** 2
@@ -136,31 +142,3 @@ class RadianceData:
         b = (self.modes / self.error).reshape(len(self.modes), z.size)
         sizes = np.linalg.solve(np.eye(len(b)) + b @ b.T, b @ z)
         return np.concatenate([z - sizes @ b, sizes])
-
-
-def _independent(
-    radiance: Floats,
-    steep: Floats,
-    leaving: Floats,
-    *,
-    of_e: Floats,
-    of_t: Floats,
-    covariance: Floats,
-) -> tuple[Floats, Floats]:
-    """x of the module, and the variance of y (N,), by the variances of e and T_app.
-
-    radiance: r; steep: e B'(T_app); leaving: radiances of the backgrounds. covariance: c, NaN where
-    it is unknown.
-    """
-    largest = np.sqrt(of_e * of_t)
-    covariance = np.clip(covariance, -largest, largest)
-    finite = np.isfinite(covariance)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        middle = np.where(finite, radiance + steep * covariance / of_e, leaving.mean())
-    brightest = np.maximum(leaving.max(), radiance)
-    middle = np.clip(np.nan_to_num(middle), leaving.min(), brightest)
-    over = radiance - middle
-    square_of_t = steep**2 * of_t
-    mixed = np.where(finite, over * np.nan_to_num(covariance), np.abs(over) * largest)
-    of_y = square_of_t + over**2 * of_e + 2.0 * steep * mixed
-    return middle, np.maximum(of_y, _LEAST * square_of_t)

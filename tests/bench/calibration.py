@@ -2,10 +2,11 @@
 
 python -m tests.bench calibration methane-jet --seeds 100
 python -m tests.bench calibration gdi-cone --quick --seeds 30
+python -m tests.bench calibration gdi-cone --quick --alone
 python -m tests.bench calibration gdi-cone --members 12 --seeds 20
 
 Each recording is compared with its run, with another recording, and with runs whose walls are 20 K
-warmer and of another order. `--quick` is for 40 x 32 pixels.
+warmer and of another order; `--alone` omits these runs. `--quick` is for 40 x 32 pixels.
 With members, 2 N injections are traced; in each trial N of them, drawn at random, and their
 recording, are compared with the mean of the others, and with the mean of N of a heavier spray.
 """
@@ -40,6 +41,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--members", type=int, default=1, help="injections that differ")
     parser.add_argument("--quick", action="store_true", help="40 x 32 pixels")
+    parser.add_argument("--alone", action="store_true", help="no runs that differ")
     given = parser.parse_args()
     if given.members > 1:
         for name, found in of_members(
@@ -70,8 +72,12 @@ def main() -> None:
         uniform("recordings", [difference(one, other) for one, other in pairs])
         walls_K = scene.walls.temperature_K
         for name, values in (
-            ("walls + 20 K", {"walls.temperature_K": walls_K + 20.0}),
-            ("order 1", {"transport.order": 1}),
+            (
+                ("walls + 20 K", {"walls.temperature_K": walls_K + 20.0}),
+                ("order 1", {"transport.order": 1}),
+            )
+            if not given.alone
+            else ()
         ):
             other = simulate(scene.with_(**values), Path(folder) / name.replace(" ", "-"))
             each = difference(shown, other)

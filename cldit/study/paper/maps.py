@@ -275,11 +275,10 @@ def order(lab: Lab) -> Found:
 
 
 def _order_row(key: tuple[float, float, int], change: Change, all_orders: Run) -> Row:
-    open_ms, time_ms, number = key
     return {
-        "open for / ms": open_ms,
-        "time / ms": time_ms,
-        "order": f"{number}",
+        "open for / ms": key[0],
+        "time / ms": key[1],
+        "order": f"{key[2]}",
         "RMS / K": change.rms(),
         "99th percentile / K": change.largest(),
         "mean / K": change.mean(),
@@ -309,28 +308,19 @@ def _readings(by_order: Mapping[int, Run], none: Run, all_orders: Run) -> dict[s
     nozzle, downstream = root(all_orders), _beyond(all_orders)
     third = Change.of(by_order[1], by_order[3])
     values: dict[str, float | str] = {}
-    for word, change in (
-        ("first", Change.of(by_order[0], by_order[1])),
-        ("third", third),
-        ("only", Change.of(none, by_order[1])),
-    ):
+    single, only = Change.of(by_order[0], by_order[1]), Change.of(none, by_order[1])
+    for word, change in (("first", single), ("third", third), ("only", only)):
         values[f"{word}_rms_K"] = change.rms()
         values[f"{word}_largest_K"] = change.largest()
         values[f"{word}_why"] = (
             f"it is {change.rms(nozzle):.3g} K 1 to 8 mm below the nozzle, and "
             f"{change.rms(downstream):.2g} K beyond (RMS)"
         )
-    return {
-        **values,
-        "third_within": _within_1_K(third),
-        "third_beyond_K": third.rms(downstream),
-    }
+    return values | {"third_within": _within_1_K(third), "third_beyond_K": third.rms(downstream)}
 
 
 def _order_sheets(
-    changes: Mapping[tuple[float, float, int], Change],
-    none: Mapping[float, Change],
-    frame: Frame,
+    changes: Mapping[tuple[float, float, int], Change], none: Mapping[float, Change], frame: Frame
 ) -> dict[str, Figure]:
     long_ms, short_ms = _DURATIONS_MS
     shown = {
@@ -343,13 +333,13 @@ def _order_sheets(
         for number in _ORDERS[:2]
     }
     short |= {f"no scattering, open for {ms:g} ms": none[ms].image for ms in _DURATIONS_MS}
-    few, readings = (
+    titles = (
         "T_app with few orders minus T_app with all",
         "0.95 ms: T_app minus that with all orders",
     )
     return {
-        "changes": changes_sheet(shown, frame, title=few, limit_K=10.0),
-        "readings": changes_sheet(short, frame, title=readings, limit_K=10.0, columns=2),
+        "changes": changes_sheet(shown, frame, title=titles[0], limit_K=10.0),
+        "readings": changes_sheet(short, frame, title=titles[1], limit_K=10.0, columns=2),
     }
 
 

@@ -20,9 +20,9 @@ from cldit.study.lab import Lab
 from cldit.study.measures import Change
 from cldit.study.page import Row
 from cldit.study.paper.found import Found
+from cldit.study.paper.variants import OTHERS, REFERENCE
 
-_REFERENCE = "abramzon-sirignano"
-_MODELS = (_REFERENCE, "spalding", "dukowicz", "frolov-type")
+_MODELS = (REFERENCE, *OTHERS)
 _INJECTIONS, _BACKGROUNDS = 19, 5  # the paper's; 413 to 563 K as in Fig. 15
 _SCATTER = {"spray.scatter.start_s": 30e-6, "spray.scatter.mass": 0.05}  # assumed
 _BANDS = {"C-H band": None, "3.95 um": "gdi-extinction"}
@@ -35,15 +35,14 @@ _CAMPAIGNS = {False: 20, True: 6}  # of each model, by `quick`
 def models(lab: Lab, campaigns: int | None = None) -> Found:
     """All pairs of four models, by three observables; and simulated campaigns of one injection.
 
-    campaigns: of each model; None: 20, or 6 with `quick`.
-
-    The runs are not audited: their errors are other random numbers, and cells of twice the edge.
+    campaigns: of each model; None: 20, or 6 with `quick`. The runs are not audited: their errors
+    are other random numbers, and cells of twice the edge.
     """
     scenes = {
         name: lab.gdi(f"models-{name}", {**_SCATTER, "spray.evaporation": name}) for name in _MODELS
     }
     count = _CAMPAIGNS[lab.quick] if campaigns is None else campaigns
-    unknowns = unknowns_of(scenes[_REFERENCE])
+    unknowns = unknowns_of(scenes[REFERENCE])
     bands = [None if name is None else load_scene(name) for name in _BANDS.values()]
 
     def run(scene: Scene, band: Scene | None) -> Run:
@@ -53,7 +52,7 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
 
     def rivals(of: Mapping[str, Run], name: str) -> Rivals:
         return rivals_of(
-            of[_REFERENCE],
+            of[REFERENCE],
             of[name],
             lambda scene, _: lab.run(scene),
             unknowns=unknowns,
@@ -61,7 +60,7 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         )
 
     against = [{name: rivals(of, name) for name in _MODELS} for of in runs]
-    low_K, high_K = (pick(scenes[_REFERENCE].background.temperatures_K) for pick in (min, max))
+    low_K, high_K = (pick(scenes[REFERENCE].background.temperatures_K) for pick in (min, max))
     backgrounds = temperatures_K(low_K, high_K, _BACKGROUNDS)
     pairs = {
         (model, rival): [_pair(of[model], of[rival]) for of in against]
@@ -74,8 +73,7 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         for _, true in drawn(scene, unknowns, count, seed=10 + number)
     ]
     rng = np.random.default_rng(1)
-    rows: list[Row] = []
-    right = wrong = asked = 0
+    rows, right, wrong, asked = list[Row](), 0, 0, 0
     for pair, of in tests.items():
         joint = SeparationTest.joined(of)
         separated, excluded, count_of_pair = _confirmed(
@@ -87,7 +85,7 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         row = _row(pair, of, joint, [runs[0][name] for name in pair])
         rows.append({**row, "confirmed": f"{separated} of {count_of_pair}"})
     mixing = next(unknown for unknown in unknowns if unknown.key == "spray.mixing_length")
-    reference = runs[0][_REFERENCE]
+    reference = runs[0][REFERENCE]
     eddies = lab.run(reference.scene.with_(**mixing.values(1.0)))
     return Found(
         values={
@@ -138,13 +136,13 @@ def _row(
 
 def _compared(runs: Mapping[str, Run], eddies: Run) -> dict[str, float]:
     """Largest changes by a model, relative to the reference; and T_app with other `eddies`."""
-    reference = runs[_REFERENCE]
+    reference = runs[REFERENCE]
 
     def share(phase: str) -> float:
         masses = {name: run.info.spray[f"{phase}_mass_kg"] for name, run in runs.items()}
-        return max(abs(mass / masses[_REFERENCE] - 1.0) for mass in masses.values())
+        return max(abs(mass / masses[REFERENCE] - 1.0) for mass in masses.values())
 
-    off_K = max(Change.of(runs[name], reference).rms() for name in _MODELS[1:])
+    off_K = max(Change.of(runs[name], reference).rms() for name in OTHERS)
     return {
         "pixels": reference.scene.camera.pixels[0],
         "turbulence": Change.of(eddies, reference).rms() / off_K,
