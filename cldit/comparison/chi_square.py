@@ -155,8 +155,8 @@ def _along(
     degrees = min(degrees / max(share, 1e-6) ** 2, _MANY)
     statistic, square = (float(span @ image @ inverse @ (span @ image)) for image in (z, even))
     level = -np.expm1(np.log1p(-LEVEL) / (beside + 1))
-    least = fdtri(count, degrees, 1.0 - level)
-    seen = float(np.sqrt(ncfdtrinc(count, degrees, 1.0 - POWER, least) / square))
+    critical = fdtri(count, degrees, 1.0 - level)
+    seen = float(np.sqrt(ncfdtrinc(count, degrees, 1.0 - POWER, critical) / square))
     return _chance(statistic / count, count, degrees), seen
 
 

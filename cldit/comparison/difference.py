@@ -269,13 +269,13 @@ def difference(
     )
 
 
-def _onto(both: tuple[Shown, Shown], view: Alignment | None, trace: Shown) -> Floats:
-    """T_app (H, W) of a trace, one of `both` evaluated otherwise, on the common pixels."""
-    traced = 1 if both[1].run is not None else 0
-    pair = (both[0], trace) if traced else (trace, both[1])
-    averaged = together(*pair, centred=view is None)[:2]
+def _onto(pair: tuple[Shown, Shown], view: Alignment | None, trace: Shown) -> Floats:
+    """T_app (H, W) of a trace, one of the `pair` evaluated otherwise, on the common pixels."""
+    traced = 1 if pair[1].run is not None else 0
+    moved = (pair[0], trace) if traced else (trace, pair[1])
+    averaged = together(*moved, centred=view is None)[:2]
     kelvin = averaged[traced].maps.apparent_temperature_K.astype(np.float64)
-    swapped = both[1].noisy and not both[0].noisy
+    swapped = pair[1].noisy and not pair[0].noisy
     return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
 
 

@@ -293,18 +293,18 @@ def _remainder(
 ) -> str:
     """RMS of what each order leaves, as text."""
     open_ms, time_ms = case
-    first = changes[*case, 1]
+    single = changes[*case, 1]
     return (
         f"{', '.join(f'{changes[*case, number].rms():.2g}' for number in _ORDERS)} K at "
         f"{time_ms:g} ms"
         + ("" if open_ms == _DURATIONS_MS[0] else f" of an injection of {open_ms:g} ms")
-        + f" (order 1: {first.rms(root(all_orders)):.2g} K below the nozzle, "
-        f"{first.rms(_beyond(all_orders)):.2g} K beyond)"
+        + f" (order 1: {single.rms(root(all_orders)):.2g} K below the nozzle, "
+        f"{single.rms(_beyond(all_orders)):.2g} K beyond)"
     )
 
 
 def _readings(by_order: Mapping[int, Run], none: Run, all_orders: Run) -> dict[str, float | str]:
-    """What the paper's steps between orders change, at 0.95 ms."""
+    """Changes of T_app by the paper's steps between orders."""
     nozzle, downstream = root(all_orders), _beyond(all_orders)
     third = Change.of(by_order[1], by_order[3])
     values: dict[str, float | str] = {}
