@@ -14,9 +14,10 @@ has the covariance of the modes and of the noise: it is large if the modes would
 than stated, or if all of a region is warmer. A shift that lies mostly in the span of the modes is
 left to them: the rest of it is the noise of their patterns, which follows that of z; directions
 along which the modes are smaller than the noise are left to the noise. Beside this span z is noise
-alone, with N - m - 1 degrees of freedom. If the pixels are divided into parts, each has a shift and
-a sum of squares of its own. All these statistics are independent of each other, so that the least
-of their probabilities, for so many tests (Sidak 1967), is uniform.
+alone, with N - t degrees of freedom, where t is the variance of the noise along the span: 1 for
+each direction, or the sum of the correlations of neighbours. If the pixels are divided into parts,
+each has a shift and a sum of squares of its own. All these statistics are independent of each
+other, so that the least of their probabilities, for so many tests (Sidak 1967), is uniform.
 
 A shift of all pixels by s has the noncentrality s^2 c' (1 + G)^-1 c, with c = span 1/error. The
 smallest one that the test finds in a given share of all cases follows from noncentral F.
@@ -29,7 +30,9 @@ times the effective number of pixels, as they have the squared correlation of th
 
 Errors of neighbours are correlated (`cldit.camera.correlation`), which leaves the mean of chi2
 unchanged and increases its variance to 2 sum rho_ij^2. The effective number of pixels is therefore
-N^2 / sum rho_ij^2 (Satterthwaite 1946).
+N^2 / sum rho_ij^2 (Satterthwaite 1946). The mean correlation of all pixels is too small for this
+where some are more correlated than others: strata, in which the correlation is alike, have sums of
+their own.
 """
 
 from __future__ import annotations
@@ -79,68 +82,92 @@ def chi_square(
     *,
     degrees: tuple[float, float] = (np.inf, np.inf),
     parts: Sequence[Mask] = (),
+    strata: Sequence[Mask] = (),
 ) -> ChiSquare | None:
     """Chi-square of a `change` (H, W) in the pixels `where`; None without any.
 
     error: (H, W) independent standard errors above 0. modes: (M, H, W). Pixels in which any of
-    these is not finite are omitted. degrees: of freedom of the estimates of both, above 0. parts:
-    into which `where` is divided; none: it is one.
+    these is not finite are omitted. degrees: of freedom of the estimates of both, above 0. parts,
+    strata: into which `where` is divided, by place and by correlation; none: it is one.
     """
     where = where & np.isfinite(change) & np.isfinite(error) & np.isfinite(modes).all(axis=0)
     count = int(np.count_nonzero(where))
     if count == 0:
         return None
     z = change[where] / error[where]
-    b = modes[:, where] / error[where]
-    gram, along = b @ b.T, b @ z
-    # Along the modes, and a shift of each part, which has no error of its own.
-    span, even = _orthonormal(b), 1.0 / error[where]
-    inside = [part[where] for part in parts if part[where].any()] or [np.ones(count, bool)]
-    for part in inside:
-        shift = np.where(part, even, 0.0)
-        rest = shift - span.T @ (span @ shift)
-        if rest @ rest > _APART * (shift @ shift):
-            span = np.concatenate([span, rest[None] / np.linalg.norm(rest)])
+    b, even = modes[:, where] / error[where], 1.0 / error[where]
+    parts, strata = (
+        [mask[where] for mask in masks if mask[where].any()] or [np.ones(count, bool)]
+        for masks in (parts, strata)
+    )
+    span = _span(b, [np.where(part, even, 0.0) for part in parts])
     noise = z - (span @ z) @ span
+    scatter = np.zeros((len(span), len(span)))
+    chances, sum_squares, sum_products = list[float](), 0.0, 0.0
     residuals = np.full(change.shape, np.nan)
-    residuals[where] = noise
-    squares, products = correlation(residuals)
-    sizes = np.asarray(np.linalg.solve(products * np.eye(len(b)) + gram, along), float)
+    for stratum in strata:
+        residuals[where] = np.where(stratum, noise, np.nan)
+        squares, products = correlation(residuals)
+        scatter += products * span[:, stratum] @ span[:, stratum].T
+        sum_squares += squares * np.sum(stratum)
+        sum_products += products * np.sum(stratum)
+        for inside in (part & stratum for part in parts):
+            freedom = float(np.sum(inside) - products * np.sum(span[:, inside] ** 2))
+            if freedom >= 1.0:
+                beside, independent = np.sum(noise[inside] ** 2) / freedom, freedom / squares
+                chances.append(_chance(beside, independent, degrees[0] * independent))
+    even_products = sum_products / count
+    sizes = np.asarray(np.linalg.solve(even_products * np.eye(len(b)) + b @ b.T, b @ z), float)
     residuals[where] = z - sizes @ b
-    effective = count / squares
-    chances, seen = list[float](), np.inf
-    for part in inside:
-        freedom = float(np.sum(part) - np.sum(span[:, part] ** 2))
-        if freedom >= 1.0:
-            beside = float(np.sum(noise[part] ** 2)) / freedom
-            degrees_of_part = effective / count * freedom
-            chances.append(_chance(beside, degrees_of_part, degrees[0] * degrees_of_part))
+    seen = np.inf
     if len(span):
-        along_modes = span @ b.T
-        of_modes = along_modes @ along_modes.T
-        inverse = np.linalg.inv(products * np.eye(len(span)) + of_modes)
-        share = float(np.trace(inverse @ of_modes)) / len(span)
-        degrees_of_modes = min(degrees[1] / max(share, 1e-6) ** 2, _MANY)
-        statistic = float(span @ z @ inverse @ (span @ z)) / len(span)
-        chances.append(_chance(statistic, len(span), degrees_of_modes))
-        level = -np.expm1(np.log1p(-LEVEL) / len(chances))
-        needed = ncfdtrinc(
-            len(span),
-            degrees_of_modes,
-            1.0 - POWER,
-            fdtri(len(span), degrees_of_modes, 1.0 - level),
-        )
-        seen = float(np.sqrt(needed / (span @ even @ inverse @ (span @ even))))
+        chance, seen = _along(span, z, b, even, scatter, degrees=degrees[1], beside=len(chances))
+        chances.append(chance)
     return ChiSquare(
         pixels=count,
-        effective=effective,
-        correlated=products,
+        effective=count**2 / sum_squares,
+        correlated=even_products,
         reduced=float(np.sum(residuals[where] ** 2) + sizes @ sizes) / count,
         p_value=sidak(chances),
         seen=seen,
         sizes=sizes,
         residuals=residuals,
     )
+
+
+def _along(
+    span: Floats,
+    z: Floats,
+    b: Floats,
+    even: Floats,
+    scatter: Floats,
+    *,
+    degrees: float,
+    beside: int,
+) -> tuple[float, float]:
+    """Probability of a larger z along the span, and the least shift seen in 1 + `beside` tests.
+
+    scatter: covariance of the noise along the span; degrees: of freedom of the modes' sizes.
+    """
+    count, along = len(span), span @ b.T
+    inverse = np.linalg.inv(scatter + along @ along.T)
+    share = float(np.trace(inverse @ along @ along.T)) / count
+    degrees = min(degrees / max(share, 1e-6) ** 2, _MANY)
+    statistic, square = (float(span @ image @ inverse @ (span @ image)) for image in (z, even))
+    level = -np.expm1(np.log1p(-LEVEL) / (beside + 1))
+    critical = fdtri(count, degrees, 1.0 - level)
+    seen = float(np.sqrt(ncfdtrinc(count, degrees, 1.0 - POWER, critical) / square))
+    return _chance(statistic / count, count, degrees), seen
+
+
+def _span(modes: Floats, shifts: Sequence[Floats]) -> Floats:
+    """Orthonormal rows (m, N) along the modes, and along shifts of parts, which have no error."""
+    span = _orthonormal(modes)
+    for shift in shifts:
+        rest = shift - span.T @ (span @ shift)
+        if rest @ rest > _APART * (shift @ shift):
+            span = np.concatenate([span, rest[None] / np.linalg.norm(rest)])
+    return span
 
 
 def probability(value: float) -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.camera.alignment import Alignment
 from cldit.comparison.causes import Cause, causes, trials
 from cldit.comparison.chi_square import LEVEL
 from cldit.comparison.members import injections_p
@@ -25,6 +26,8 @@ from cldit.run.ensemble import INJECTIONS
 from cldit.scene.keys import KeyDifference, key_differences
 
 Align = Literal["metadata", "images"]
+_COMPARED = {"apparent_temperature_K": "K", "emissivity": "1", "optical_depth": "1"}
+_CONCLUSIONS = ("differs", "region", "effect_K", "interval_K", "seen_K", "p_value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,15 +146,11 @@ class Difference:
     @property
     def verdict(self) -> Verdict:
         """Conclusion, with effect, power, keys and causes."""
-        chances = {
-            name: region.p_value
-            for name, region in self.regions.items()
-            if region.p_value is not None
-        }
-        if self._untested or not chances:
+        if self._untested:
             return Verdict(differs=None, reason=self._untested, keys=self.keys)
         differs = not self.within
-        name = min(self.where, key=lambda name: chances[name]) if differs and self.where else "all"
+        chances = {name: self.regions[name].p_value or 0.0 for name in self.where}
+        name = min(chances, key=lambda name: chances[name]) if differs and chances else "all"
         region = self.regions[name]
         return Verdict(
             differs=differs,
@@ -202,12 +201,7 @@ class Difference:
             "where": self.where,
             "verdict": {
                 "text": verdict.lines,
-                "differs": verdict.differs,
-                "region": verdict.region,
-                "effect_K": verdict.effect_K,
-                "interval_K": verdict.interval_K,
-                "seen_K": verdict.seen_K,
-                "p_value": verdict.p_value,
+                **{name: getattr(verdict, name) for name in _CONCLUSIONS},
                 "causes": [asdict(cause) for cause in verdict.causes],
             },
         }
@@ -235,39 +229,24 @@ def difference(
     by_images = align == "images"
     reference, result, averaged = together(parts.baseline, parts.compared, centred=not by_images)
     unaligned = parts.baseline, parts.compared
-    view, of_view, swapped = None, list[Floats](), result.noisy and not reference.noisy
+    view, of_view = None, list[Floats]()
     if by_images:
         reference, result, view, of_view = aligned(reference, result)
-    traced = 1 if unaligned[1].run is not None else 0
-
-    def onto(trace: Shown) -> Floats:
-        """T_app of a trace, one of both evaluated otherwise, on the common pixels."""
-        pair = (unaligned[0], trace) if traced else (trace, unaligned[1])
-        pair = together(*pair, centred=not by_images)[:2]
-        maps = pair[traced].maps
-        kelvin = maps.apparent_temperature_K.astype(np.float64)
-        return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
-
-    t_one, t_other = (
-        shown.maps.apparent_temperature_K.astype(np.float64) for shown in (reference, result)
-    )
-    has = np.isfinite(t_one), np.isfinite(t_other)
-    change_K = t_other - t_one
+    kelvin = [shown.maps.apparent_temperature_K.astype(np.float64) for shown in (reference, result)]
+    has, other_has = (np.isfinite(image) for image in kelvin)
+    change_K = kelvin[1] - kelvin[0]
     test = tested(change_K, reference, result, of_view)
     p_value = test.regions["all"].p_value
     explained = tuple[Cause, ...]()
     if p_value is not None and p_value < LEVEL:
+        onto = partial(_onto, unaligned, view)
         explained = causes(change_K, test, trials(*unaligned, (reference, result), onto))
     scenes = [shown.scene or (shown.traced and shown.traced.scene) for shown in unaligned]
     return Difference(
         one=reference.name,
         other=result.name,
-        maps=(
-            _of("apparent_temperature_K", "K", reference, result),
-            _of("emissivity", "1", reference, result),
-            _of("optical_depth", "1", reference, result),
-        ),
-        only=(int(np.sum(has[0] & ~has[1])), int(np.sum(has[1] & ~has[0]))),
+        maps=tuple(_of(name, unit, reference, result) for name, unit in _COMPARED.items()),
+        only=(int(np.sum(has & ~other_has)), int(np.sum(other_has & ~has))),
         stated_K=stated_K,
         unshared_K=(reference.error_K, result.error_K),
         unshared_emissivity=(reference.emissivity_error, result.emissivity_error),
@@ -288,6 +267,16 @@ def difference(
         error_K=test.error_K,
         residuals=test.residuals,
     )
+
+
+def _onto(pair: tuple[Shown, Shown], view: Alignment | None, trace: Shown) -> Floats:
+    """T_app (H, W) of a trace, one of the `pair` evaluated otherwise, on the common pixels."""
+    traced = 1 if pair[1].run is not None else 0
+    moved = (pair[0], trace) if traced else (trace, pair[1])
+    averaged = together(*moved, centred=view is None)[:2]
+    kelvin = averaged[traced].maps.apparent_temperature_K.astype(np.float64)
+    swapped = pair[1].noisy and not pair[0].noisy
+    return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
 
 
 def _of(name: str, unit: str, baseline: Shown, compared: Shown) -> MapDifference:

@@ -184,8 +184,7 @@ def _counted(
     stated = [cause for cause in remaining if cause.error_K is not None]
     of_run = None if shown.run is not None else shown.maps
     members = Members.of(run, recorded=of_run) if shown.error_map_K is not None else None
-    common: tuple[Part, ...] = ()
-    rest: list[Floats] = []
+    common, rest = tuple[Part, ...](), list[Floats]()
     if members is not None:
         if any(cause.name == INJECTIONS for cause in stated):
             of_mean = members.of_mean

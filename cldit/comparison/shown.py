@@ -207,9 +207,8 @@ def recorded(
 ) -> Shown:
     """Maps of a recording with its systematic and common `parts`.
 
-    degrees: of freedom of the scatter between shots, by background. T_app follows mostly from the
-    backgrounds that are nearest to it, so that the independent error of a pixel has those of one:
-    of 100 recordings 5 then have p below 0.05, and 10 with those of all.
+    degrees: of freedom of the scatter between shots, by background. Two numbers are estimated from
+    all of them (`cldit.dit.fit.shot_scatter`), so that the error of a pixel has half of their sum.
     The setup of a simulated rig is as stated: its recording has no systematic errors.
     """
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
@@ -226,7 +225,7 @@ def recorded(
         common=tuple(replace(part, degrees=sum(degrees) or math.inf) for part in parts[1]),
         systematic=() if traced is not None else parts[0],
         noisy=True,
-        degrees=min(degrees, default=math.inf),
+        degrees=sum(degrees) / 2.0 or math.inf,
         scene=scene,
         traced=traced,
     )

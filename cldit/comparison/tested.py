@@ -12,13 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cldit.arrays import Floats, Mask
-from cldit.comparison.chi_square import (
-    LEVEL,
-    ChiSquare,
-    chi_square,
-    combined_degrees,
-    probability,
-)
+from cldit.comparison.chi_square import LEVEL, ChiSquare, chi_square, combined_degrees, probability
 from cldit.comparison.regions import Spray2D, positions_m
 from cldit.comparison.shown import Shown
 from cldit.dit.budget import Part
@@ -89,7 +83,8 @@ class Tested:
 
     regions: `all` pixels that are visible in both, and the parts of the spray. modes: errors that
     all pixels share, with their best sizes. own_K: (H, W) independent standard error; error_K: with
-    the modes; NaN without stated errors. degrees: of freedom of both. where: parts (H, W).
+    the modes; NaN without stated errors. degrees: of freedom of both. where: parts (H, W);
+    thin: the half of the pixels with the smaller emissivity.
     residuals: (H, W) in standard errors, less the modes that fit best.
     """
 
@@ -100,6 +95,7 @@ class Tested:
     residuals: Floats
     degrees: tuple[float, float]
     where: dict[str, Mask]
+    thin: Mask
 
     def again(self, change_K: Floats, name: str = "all") -> ChiSquare | None:
         """Chi-square of another change (H, W) with the same errors, in a region."""
@@ -112,6 +108,7 @@ class Tested:
             self.where[name],
             degrees=self.degrees,
             parts=parts if name == "all" else (),
+            strata=(self.thin, ~self.thin),
         )
 
 
@@ -119,26 +116,31 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
     """Test of a change of T_app; `of_view` are changes by the errors of an alignment."""
     spray = seen_in_both(baseline, compared)
     regions = spray.regions
+    # The amount of spray scatters smoothly and changes thin pixels; the errors of opaque ones are
+    # the camera's. So the errors of either half are correlated otherwise.
+    seen = spray.emissivity[spray.visible]
+    thin = spray.emissivity <= (np.median(seen) if seen.size else 0.0)
     modes = shared_modes(baseline, compared) + tuple(
         Mode(f"view {number}", kelvin, 0.0 * kelvin)
         for number, kelvin in enumerate(of_view, start=1)
     )
     of_baseline, of_compared = (shown.independent_K2 for shown in (baseline, compared))
     nothing = np.full(change_K.shape, np.nan)
+    untested = Tested(
+        regions={
+            name: RegionDifference(pixels=int(np.count_nonzero(where & np.isfinite(change_K))))
+            for name, where in regions.items()
+        },
+        modes=(),
+        own_K=nothing,
+        error_K=nothing,
+        residuals=nothing,
+        degrees=(np.inf, np.inf),
+        where=regions,
+        thin=thin,
+    )
     if of_baseline is None or of_compared is None:
-        finite = np.isfinite(change_K)
-        return Tested(
-            regions={
-                name: RegionDifference(pixels=int(np.count_nonzero(where & finite)))
-                for name, where in regions.items()
-            },
-            modes=(),
-            own_K=nothing,
-            error_K=nothing,
-            residuals=nothing,
-            degrees=(np.inf, np.inf),
-            where=regions,
-        )
+        return untested
     variance = of_baseline + of_compared + _ROUNDED_K**2
     finite = spray.visible & np.isfinite(variance)
     weights = [float(np.sum(mode.kelvin[finite] ** 2 / variance[finite])) for mode in modes]
@@ -147,24 +149,19 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
         if number not in kept:  # as if it were independent
             variance = variance + mode.kelvin**2
     modes = tuple(modes[number] for number in kept)
-    shares = [
-        float(np.sum(square[finite] / variance[finite])) for square in (of_baseline, of_compared)
-    ]
-    statistic = Tested(
-        regions={},
+    of_pixels = combined_degrees(
+        [float(np.sum((of / variance)[finite])) for of in (of_baseline, of_compared)],
+        [baseline.degrees, compared.degrees],
+        total_variance=finite.sum(),
+    )
+    of_modes = combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes])
+    total = variance + sum((mode.kelvin**2 for mode in modes), 0.0)
+    statistic = replace(
+        untested,
         modes=modes,
         own_K=np.sqrt(variance),
-        error_K=np.sqrt(variance + sum((mode.kelvin**2 for mode in modes), 0.0)),
-        residuals=nothing,
-        degrees=(
-            combined_degrees(
-                shares,
-                [shown.degrees for shown in (baseline, compared)],
-                total_variance=finite.sum(),
-            ),
-            combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes]),
-        ),
-        where=regions,
+        error_K=np.sqrt(total),
+        degrees=(of_pixels, of_modes),
     )
     results = {name: statistic.again(change_K, name) for name in regions}
     of_all = results["all"]
@@ -181,10 +178,7 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
 
 
 def _region(
-    change_K: Floats,
-    error_K: Floats,
-    modes: tuple[Mode, ...],
-    result: ChiSquare | None,
+    change_K: Floats, error_K: Floats, modes: tuple[Mode, ...], result: ChiSquare | None
 ) -> RegionDifference:
     if result is None or result.pixels < _LEAST_PIXELS:
         return RegionDifference(pixels=0 if result is None else result.pixels)

@@ -423,11 +423,16 @@ def shot_scatter(
         camera_k + q change_k^2 + p
 
     and q, p are found from the variances observed among the shots of each background by iterated
-    least squares (a sample variance has the variance 2 V^2 / degrees), over neighbours with the
-    weight of their mean V: a pixel whose V is too small by chance would count most. Two numbers per
-    pixel instead of one per background combine the degrees of freedom. Both are below 0 where
-    the shots agree better than the camera's noise lets expect: without such pixels the mean
-    variance would be too large. At least half of the camera's part is left.
+    least squares over neighbours (a sample variance has the variance 2 V^2 / degrees). Neighbours
+    have one weight per background, that of their fitted V: with weights of their own, those whose
+    observed variance is small by chance would count most, and V would be 2 % too small with five
+    shots. Two numbers per pixel instead of one per background combine the degrees of freedom. Both
+    are below 0 where the shots agree better than the camera's noise lets expect: without such
+    pixels the mean variance would be too large. At least half of the camera's part is left.
+
+    A value with an estimated variance of nu degrees of freedom has Student's distribution, whose
+    variance is larger by 1 + 2 / nu (JCGM 101:2008, 6.4.9.4, to first order). The result contains
+    this; neighbours count as independent.
 
     All arrays are (K, ...): change of the signal by a relative change of the amount, sample
     variance of one shot, the camera's part of it, and degrees of freedom of the sample variance; 0
@@ -435,25 +440,31 @@ def shot_scatter(
     """
 
     def nearby(values: Floats) -> Floats:
-        """Mean over the neighbourhood of each pixel."""
-        return np.asarray(
-            scipy.ndimage.uniform_filter(values.reshape(shape), _NEARBY).reshape(values.shape)
-        )
+        """Means (K, ...) over the neighbourhood of each pixel."""
+        images = np.broadcast_to(values, camera.shape).reshape(-1, *shape)
+        means = scipy.ndimage.uniform_filter(images, (1, _NEARBY, _NEARBY))
+        return np.asarray(means.reshape(camera.shape))
 
     square = change**2
     scaled = square / max(float(square.max(initial=0.0)), np.finfo(float).tiny)
-    extra = np.zeros_like(camera)
+    mean_camera, mean_scaled = nearby(camera), nearby(scaled)
+    moments = [nearby(degrees * scaled**n) for n in range(3)]
+    beyond = degrees * (observed - camera)
+    excess = [nearby(beyond * scaled**n) for n in range(2)]
+    variance = mean_camera
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(4):
-            weight = degrees / np.array([nearby(variance) for variance in camera + extra]) ** 2
+            weight = 1.0 / variance**2
             weight = np.where(np.isfinite(weight), weight, 0.0)
-            aa, ab, bb = (nearby(np.sum(weight * scaled**n, axis=0)) for n in (2, 1, 0))
-            excess = weight * (observed - camera)
-            ae, be = nearby(np.sum(excess * scaled, axis=0)), nearby(np.sum(excess, axis=0))
+            bb, ab, aa = (np.sum(weight * moment, axis=0) for moment in moments)
+            be, ae = (np.sum(weight * moment, axis=0) for moment in excess)
             determinant = aa * bb - ab**2
             q, p = (ae * bb - be * ab) / determinant, (be * aa - ae * ab) / determinant
             # changes of one size do not tell the two apart
             constant = ~(determinant > _ALIKE * aa * bb)
             q, p = np.where(constant, 0.0, q), np.where(constant, be / bb, p)
-            extra = np.nan_to_num(np.maximum(q * scaled + p, -_LEAST_CAMERA * camera))
-    return extra
+            variance = mean_camera + np.maximum(q * mean_scaled + p, -_LEAST_CAMERA * mean_camera)
+        extra = np.nan_to_num(np.maximum(q * scaled + p, -_LEAST_CAMERA * camera))
+        of_fit = (scaled**2 * bb - 2.0 * scaled * ab + aa) / determinant
+        relative = np.where(constant, 1.0 / bb, of_fit) / (_NEARBY * variance) ** 2
+    return np.asarray(extra + 2.0 * np.nan_to_num(relative) * (camera + extra))

@@ -2,9 +2,10 @@
 
 python -m tests.bench calibration methane-jet --seeds 100
 python -m tests.bench calibration gdi-cone --quick --seeds 30
+python -m tests.bench calibration gdi-cone --quick --alone
 
 Each recording is compared with its run, with another recording, and with runs whose walls are 20 K
-warmer and of another order. `--quick` is for 40 x 32 pixels.
+warmer and of another order; `--alone` omits these runs. `--quick` is for 40 x 32 pixels.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ def main() -> None:
     parser.add_argument("scene", nargs="?", default="gdi-cone")
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--quick", action="store_true", help="40 x 32 pixels")
+    parser.add_argument("--alone", action="store_true", help="no runs that differ")
     given = parser.parse_args()
     sensor = {**TINY, "transport.accuracy_K": 8.0} if given.quick else SENSOR
     scene = load_scene(given.scene).with_(**{"transport.accuracy_K": 4.0, **sensor})
@@ -56,8 +58,12 @@ def main() -> None:
         uniform("recordings", [difference(one, other) for one, other in pairs])
         walls_K = scene.walls.temperature_K
         for name, values in (
-            ("walls + 20 K", {"walls.temperature_K": walls_K + 20.0}),
-            ("order 1", {"transport.order": 1}),
+            (
+                ("walls + 20 K", {"walls.temperature_K": walls_K + 20.0}),
+                ("order 1", {"transport.order": 1}),
+            )
+            if not given.alone
+            else ()
         ):
             other = simulate(scene.with_(**values), Path(folder) / name.replace(" ", "-"))
             each = difference(shown, other)

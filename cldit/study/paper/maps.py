@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 
 from cldit.arrays import Mask
@@ -18,6 +20,7 @@ from cldit.optics.vapour import vapour_band
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
 from cldit.show.figures.maps import frame_of
+from cldit.show.figures.panels import Frame
 from cldit.study.figures import changes_sheet, maps_sheet
 from cldit.study.lab import Lab, open_for
 from cldit.study.measures import (
@@ -229,107 +232,115 @@ def order(lab: Lab) -> Found:
     unlimited: dict[tuple[float, float], Run] = {}
     runs: dict[tuple[float, float, int], Run] = {}
     none: dict[float, Run] = {}
-    changes: dict[tuple[float, float, int], Change] = {}
-    rows: list[Row] = []
-    remainders: list[str] = []
     for case in cases:
         open_ms, time_ms = case
         values: dict[str, Any] = {"spray.time_s": time_ms * 1e-3, **open_for(open_ms * 1e-3)}
         # The spray of 0.95 ms is that of the other studies, and named after it.
         name = "gdi" if time_ms == 0.95 else f"gdi-{time_ms:g}ms"
         name += "" if open_ms == _DURATIONS_MS[0] else f"-open-{open_ms:g}ms"
-        all_orders = unlimited[case] = lab.run(lab.gdi(f"{name}-all-orders", values))
-        nozzle, downstream = root(all_orders), _beyond(all_orders)
-        by_order: dict[int, Change] = {}
+        unlimited[case] = lab.run(lab.gdi(f"{name}-all-orders", values))
         for number in _ORDERS:
             scene = lab.gdi(f"{name}-order-{number}", {**values, "transport.order": number})
-            run = runs[*case, number] = lab.run(scene)
-            change = by_order[number] = changes[*case, number] = Change.of(run, all_orders)
-            rows.append(
-                {
-                    "open for / ms": open_ms,
-                    "time / ms": time_ms,
-                    "order": f"{number}",
-                    "RMS / K": change.rms(),
-                    "99th percentile / K": change.largest(),
-                    "mean / K": change.mean(),
-                    "RMS below the nozzle / K": change.rms(nozzle),
-                    "RMS beyond / K": change.rms(downstream),
-                    "within 1 K / %": _within_1_K(change),
-                }
-            )
+            runs[*case, number] = lab.run(scene)
         if time_ms == 0.95:
             none[open_ms] = lab.run(lab.gdi(f"{name}-absorb-only", {**values, **_AHEAD}))
-        remainders.append(
-            f"{', '.join(f'{by_order[n].rms():.2g}' for n in _ORDERS)} K at {time_ms:g} ms"
-            + ("" if open_ms == _DURATIONS_MS[0] else f" of an injection of {open_ms:g} ms")
-            + (
-                f" (order 1: {by_order[1].rms(nozzle):.2g} K below the nozzle, "
-                f"{by_order[1].rms(downstream):.2g} K beyond)"
-            )
-        )
+    changes = {key: Change.of(run, unlimited[key[:2]]) for key, run in runs.items()}
     by_duration: dict[str, float | str] = {}
     for key, open_ms in zip(("", "short_"), _DURATIONS_MS, strict=True):
         case = open_ms, 0.95
-        nozzle, downstream = root(unlimited[case]), _beyond(unlimited[case])
-        single_scattering = Change.of(runs[*case, 0], runs[*case, 1])
-        third = Change.of(runs[*case, 1], runs[*case, 3])
-        only = Change.of(none[open_ms], runs[*case, 1])
-        for word, change in (("first", single_scattering), ("third", third), ("only", only)):
-            by_duration[f"{key}{word}_rms_K"] = change.rms()
-            by_duration[f"{key}{word}_largest_K"] = change.largest()
-            by_duration[f"{key}{word}_why"] = (
-                f"it is {change.rms(nozzle):.3g} K 1 to 8 mm below the nozzle, and "
-                f"{change.rms(downstream):.2g} K beyond (RMS)"
-            )
-        by_duration[f"{key}third_within"] = _within_1_K(third)
-        by_duration[f"{key}third_beyond_K"] = third.rms(downstream)
+        of_case = {number: runs[*case, number] for number in _ORDERS}
+        readings = _readings(of_case, none[open_ms], unlimited[case])
+        by_duration |= {f"{key}{name}": value for name, value in readings.items()}
     case = _DURATIONS_MS[0], 0.95
     nozzle, downstream = root(unlimited[case]), _beyond(unlimited[case])
     zero = changes[*case, 0]
-    shown = {
-        f"order {number}, {time_ms:g} ms": changes[_DURATIONS_MS[0], time_ms, number].image
-        for number in _ORDERS[:3]
-        for time_ms in _TIMES_MS
-    }
-    short = {
-        f"order {number}, open for {_DURATIONS_MS[1]:g} ms": changes[
-            _DURATIONS_MS[1], 0.95, number
-        ].image
-        for number in _ORDERS[:2]
-    }
-    short |= {
-        f"no scattering, open for {open_ms:g} ms": Change.of(
-            none[open_ms], unlimited[open_ms, 0.95]
-        ).image
-        for open_ms in _DURATIONS_MS
-    }
-    frame = frame_of(unlimited[case].scene)
     return Found(
         values={
             **by_duration,
             "orders": ", ".join(str(number) for number in _ORDERS),
-            "left": "; ".join(remainders),
+            "left": "; ".join(_remainder(case, changes, unlimited[case]) for case in cases),
             "early_ratio": changes[_DURATIONS_MS[0], 0.3, 0].rms() / zero.rms(),
             "near_ratio": zero.rms(nozzle) / zero.rms(),
             "none_K": zero.mean(),
             "none_near_K": zero.mean(nozzle),
             "none_away_K": zero.mean(downstream),
         },
-        table=rows,
-        sheets={
-            "changes": changes_sheet(
-                shown, frame, title="T_app with few orders minus T_app with all", limit_K=10.0
-            ),
-            "readings": changes_sheet(
-                short,
-                frame,
-                title="0.95 ms: T_app minus that with all orders",
-                limit_K=10.0,
-                columns=2,
-            ),
-        },
+        table=[_order_row(key, change, unlimited[key[:2]]) for key, change in changes.items()],
+        sheets=_order_sheets(
+            changes,
+            {ms: Change.of(run, unlimited[ms, 0.95]) for ms, run in none.items()},
+            frame_of(unlimited[case].scene),
+        ),
     )
+
+
+def _order_row(key: tuple[float, float, int], change: Change, all_orders: Run) -> Row:
+    return {
+        "open for / ms": key[0],
+        "time / ms": key[1],
+        "order": f"{key[2]}",
+        "RMS / K": change.rms(),
+        "99th percentile / K": change.largest(),
+        "mean / K": change.mean(),
+        "RMS below the nozzle / K": change.rms(root(all_orders)),
+        "RMS beyond / K": change.rms(_beyond(all_orders)),
+        "within 1 K / %": _within_1_K(change),
+    }
+
+
+def _remainder(
+    case: tuple[float, float], changes: Mapping[tuple[float, float, int], Change], all_orders: Run
+) -> str:
+    """RMS of what each order leaves, as text."""
+    open_ms, time_ms = case
+    single = changes[*case, 1]
+    return (
+        f"{', '.join(f'{changes[*case, number].rms():.2g}' for number in _ORDERS)} K at "
+        f"{time_ms:g} ms"
+        + ("" if open_ms == _DURATIONS_MS[0] else f" of an injection of {open_ms:g} ms")
+        + f" (order 1: {single.rms(root(all_orders)):.2g} K below the nozzle, "
+        f"{single.rms(_beyond(all_orders)):.2g} K beyond)"
+    )
+
+
+def _readings(by_order: Mapping[int, Run], none: Run, all_orders: Run) -> dict[str, float | str]:
+    """Changes of T_app by the paper's steps between orders."""
+    nozzle, downstream = root(all_orders), _beyond(all_orders)
+    third = Change.of(by_order[1], by_order[3])
+    values: dict[str, float | str] = {}
+    single, only = Change.of(by_order[0], by_order[1]), Change.of(none, by_order[1])
+    for word, change in (("first", single), ("third", third), ("only", only)):
+        values[f"{word}_rms_K"] = change.rms()
+        values[f"{word}_largest_K"] = change.largest()
+        values[f"{word}_why"] = (
+            f"it is {change.rms(nozzle):.3g} K 1 to 8 mm below the nozzle, and "
+            f"{change.rms(downstream):.2g} K beyond (RMS)"
+        )
+    return values | {"third_within": _within_1_K(third), "third_beyond_K": third.rms(downstream)}
+
+
+def _order_sheets(
+    changes: Mapping[tuple[float, float, int], Change], none: Mapping[float, Change], frame: Frame
+) -> dict[str, Figure]:
+    long_ms, short_ms = _DURATIONS_MS
+    shown = {
+        f"order {number}, {time_ms:g} ms": changes[long_ms, time_ms, number].image
+        for number in _ORDERS[:3]
+        for time_ms in _TIMES_MS
+    }
+    short = {
+        f"order {number}, open for {short_ms:g} ms": changes[short_ms, 0.95, number].image
+        for number in _ORDERS[:2]
+    }
+    short |= {f"no scattering, open for {ms:g} ms": none[ms].image for ms in _DURATIONS_MS}
+    titles = (
+        "T_app with few orders minus T_app with all",
+        "0.95 ms: T_app minus that with all orders",
+    )
+    return {
+        "changes": changes_sheet(shown, frame, title=titles[0], limit_K=10.0),
+        "readings": changes_sheet(short, frame, title=titles[1], limit_K=10.0, columns=2),
+    }
 
 
 _WALLS_K = (0.0, 300.0, 380.0, 455.0, 570.0)

@@ -20,9 +20,9 @@ from cldit.study.lab import Lab
 from cldit.study.measures import Change
 from cldit.study.page import Row
 from cldit.study.paper.found import Found
+from cldit.study.paper.variants import OTHERS, REFERENCE
 
-_REFERENCE = "abramzon-sirignano"
-_MODELS = (_REFERENCE, "spalding", "dukowicz", "frolov-type")
+_MODELS = (REFERENCE, *OTHERS)
 _INJECTIONS, _BACKGROUNDS = 19, 5  # the paper's; 413 to 563 K as in Fig. 15
 _SCATTER = {"spray.scatter.start_s": 30e-6, "spray.scatter.mass": 0.05}  # assumed
 _BANDS = {"C-H band": None, "3.95 um": "gdi-extinction"}
@@ -35,15 +35,14 @@ _CAMPAIGNS = {False: 20, True: 6}  # of each model, by `quick`
 def models(lab: Lab, campaigns: int | None = None) -> Found:
     """All pairs of four models, by three observables; and simulated campaigns of one injection.
 
-    campaigns: of each model; None: 20, or 6 with `quick`.
-
-    The runs are not audited: their errors are other random numbers, and cells of twice the edge.
+    campaigns: of each model; None: 20, or 6 with `quick`. The runs are not audited: their errors
+    are other random numbers, and cells of twice the edge.
     """
     scenes = {
         name: lab.gdi(f"models-{name}", {**_SCATTER, "spray.evaporation": name}) for name in _MODELS
     }
     count = _CAMPAIGNS[lab.quick] if campaigns is None else campaigns
-    unknowns = unknowns_of(scenes[_REFERENCE])
+    unknowns = unknowns_of(scenes[REFERENCE])
     bands = [None if name is None else load_scene(name) for name in _BANDS.values()]
 
     def run(scene: Scene, band: Scene | None) -> Run:
@@ -53,7 +52,7 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
 
     def rivals(of: Mapping[str, Run], name: str) -> Rivals:
         return rivals_of(
-            of[_REFERENCE],
+            of[REFERENCE],
             of[name],
             lambda scene, _: lab.run(scene),
             unknowns=unknowns,
@@ -61,7 +60,7 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         )
 
     against = [{name: rivals(of, name) for name in _MODELS} for of in runs]
-    low_K, high_K = (pick(scenes[_REFERENCE].background.temperatures_K) for pick in (min, max))
+    low_K, high_K = (pick(scenes[REFERENCE].background.temperatures_K) for pick in (min, max))
     backgrounds = temperatures_K(low_K, high_K, _BACKGROUNDS)
     pairs = {
         (model, rival): [_pair(of[model], of[rival]) for of in against]
@@ -74,64 +73,24 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         for _, true in drawn(scene, unknowns, count, seed=10 + number)
     ]
     rng = np.random.default_rng(1)
-    rows: list[Row] = []
-    right = wrong = asked = 0
+    rows, right, wrong, asked = list[Row](), 0, 0, 0
     for pair, of in tests.items():
         joint = SeparationTest.joined(of)
-        needed = {
-            name: fewest(of[band], [observable]) for name, (band, observable) in _ALONE.items()
-        }
-        needed[_TOGETHER] = fewest(joint)
-        separated, excluded, campaigns_of_pair = _confirmed(
+        separated, excluded, count_of_pair = _confirmed(
             pair, pairs[pair], joint, data, backgrounds, rng
         )
-        single_injection = joint.distance(1)
         wrong += excluded
-        if single_injection >= NEEDED:
-            right, asked = right + separated, asked + campaigns_of_pair
-        masses = [runs[0][name].info.spray for name in pair]
-        best = min(needed, key=lambda name: needed[name] or np.inf)
-        rows.append(
-            {
-                "models": " / ".join(pair),
-                **{
-                    f"{phase} / mg": " / ".join(
-                        f"{1e6 * mass[f'{phase}_mass_kg']:.2f}" for mass in masses
-                    )
-                    for phase in ("liquid", "vapour")
-                },
-                **{
-                    f"{name}, sigma": of[band].distance(_INJECTIONS, [observable])
-                    for name, (band, observable) in _ALONE.items()
-                },
-                f"{_TOGETHER}, sigma": joint.distance(_INJECTIONS),
-                f"{_TOGETHER}, sigma of 1 injection": single_injection,
-                "separated by": "none" if needed[best] is None else best,
-                "injections": str(needed[best] or "none"),
-                "confirmed": f"{separated} of {campaigns_of_pair}",
-            }
-        )
-    reference = runs[0][_REFERENCE]
+        if joint.distance(1) >= NEEDED:
+            right, asked = right + separated, asked + count_of_pair
+        row = _row(pair, of, joint, [runs[0][name] for name in pair])
+        rows.append({**row, "confirmed": f"{separated} of {count_of_pair}"})
     mixing = next(unknown for unknown in unknowns if unknown.key == "spray.mixing_length")
+    reference = runs[0][REFERENCE]
     eddies = lab.run(reference.scene.with_(**mixing.values(1.0)))
-    off_K = {name: Change.of(runs[0][name], reference).rms() for name in _MODELS[1:]}
-    liquid = {name: run.info.spray["liquid_mass_kg"] for name, run in runs[0].items()}
-    vapour = {name: run.info.spray["vapour_mass_kg"] for name, run in runs[0].items()}
-
-    def largest(name: str) -> float:
-        return max(float(row[f"{name}, sigma"]) for row in rows)
-
-    def share(masses: Mapping[str, float]) -> float:
-        return max(abs(mass / masses[_REFERENCE] - 1.0) for mass in masses.values())
-
     return Found(
         values={
             "needed": NEEDED,
-            "pixels": reference.scene.camera.pixels[0],
             "unknowns": ", ".join(unknown.text for unknown in unknowns),
-            "t_app": largest("T_app"),
-            "emissivity": largest("emissivity"),
-            "extinction": largest("extinction"),
             "pairs": sum(row["separated by"] != "none" for row in rows),
             "all_pairs": len(rows),
             "confirmed": right,
@@ -139,13 +98,57 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
             "confirmed_share": right / asked if asked else float("nan"),
             "excluded": wrong,
             "campaigns": len(data),
-            "turbulence": Change.of(eddies, reference).rms() / max(off_K.values()),
-            "liquid": share(liquid),
-            "vapour": share(vapour),
+            **{
+                word: max(float(row[f"{name}, sigma"]) for row in rows)
+                for word, name in zip(("t_app", "emissivity", "extinction"), _ALONE, strict=True)
+            },
+            **_compared(runs[0], eddies),
         },
         table=rows,
         repeated=False,
     )
+
+
+def _row(
+    pair: tuple[str, str], of: list[SeparationTest], joint: SeparationTest, runs: list[Run]
+) -> Row:
+    """Distances of two models by each observable, and the injections that separate them."""
+    needed = {name: fewest(of[band], [observable]) for name, (band, observable) in _ALONE.items()}
+    needed[_TOGETHER] = fewest(joint)
+    best = min(needed, key=lambda name: needed[name] or np.inf)
+
+    def masses(phase: str) -> str:
+        return " / ".join(f"{1e6 * run.info.spray[f'{phase}_mass_kg']:.2f}" for run in runs)
+
+    return {
+        "models": " / ".join(pair),
+        **{f"{phase} / mg": masses(phase) for phase in ("liquid", "vapour")},
+        **{
+            f"{name}, sigma": of[band].distance(_INJECTIONS, [observable])
+            for name, (band, observable) in _ALONE.items()
+        },
+        f"{_TOGETHER}, sigma": joint.distance(_INJECTIONS),
+        f"{_TOGETHER}, sigma of 1 injection": joint.distance(1),
+        "separated by": "none" if needed[best] is None else best,
+        "injections": str(needed[best] or "none"),
+    }
+
+
+def _compared(runs: Mapping[str, Run], eddies: Run) -> dict[str, float]:
+    """Largest changes by a model, relative to the reference; and T_app with other `eddies`."""
+    reference = runs[REFERENCE]
+
+    def share(phase: str) -> float:
+        masses = {name: run.info.spray[f"{phase}_mass_kg"] for name, run in runs.items()}
+        return max(abs(mass / masses[REFERENCE] - 1.0) for mass in masses.values())
+
+    off_K = max(Change.of(runs[name], reference).rms() for name in OTHERS)
+    return {
+        "pixels": reference.scene.camera.pixels[0],
+        "turbulence": Change.of(eddies, reference).rms() / off_K,
+        "liquid": share("liquid"),
+        "vapour": share("vapour"),
+    }
 
 
 def _pair(model: Rivals, rival: Rivals) -> Rivals:

@@ -48,12 +48,7 @@ def change_rows(reference: Run, cases: Mapping[str, Run]) -> list[Row]:
 
 
 def change_figures(
-    study: str,
-    reference: Run,
-    cases: Mapping[str, Run],
-    *,
-    reference_name: str,
-    limit_K: float,
+    study: str, reference: Run, cases: Mapping[str, Run], *, reference_name: str, limit_K: float
 ) -> dict[str, Figure]:
     """Differences of the cases from the reference, up to `limit_K`, and the maps of all."""
     about = sentences()[study]["about"]
@@ -66,8 +61,7 @@ def change_figures(
             f"Difference of apparent temperature to {reference_name}, {about}.",
         ),
         "maps": Figure.of(
-            maps_sheet(all_runs, title="apparent temperature"),
-            f"The maps themselves, {about}.",
+            maps_sheet(all_runs, title="apparent temperature"), f"The maps themselves, {about}."
         ),
     }
 
@@ -213,8 +207,8 @@ def vapour(lab: Lab) -> Found:
     )
 
 
-_MODELS = ("spalding", "dukowicz", "frolov-type")
-_REFERENCE = "abramzon-sirignano"
+OTHERS = ("spalding", "dukowicz", "frolov-type")
+REFERENCE = "abramzon-sirignano"
 # MPa, K of the gas, K of the walls: those of the gas where it is cold, 115 K below it elsewhere
 _GASES = ((0.15, 300.0, 300.0), (0.6, 570.0, 455.0), (0.9, 620.0, 505.0))
 
@@ -235,7 +229,7 @@ def evaporation(lab: Lab) -> Found:
         reference = lab.run(lab.gdi(name, values))
         runs = {
             model: lab.run(lab.gdi(f"{name}-{model}", {**values, "spray.evaporation": model}))
-            for model in _MODELS
+            for model in OTHERS
         }
         if pressure_MPa == 0.6:  # the spray of the study of sizes
             runs[_CHANCE] = lab.run(lab.gdi("sizes-seed", {**values, "spray.seed": lab.seed + 1}))
@@ -256,24 +250,24 @@ def evaporation(lab: Lab) -> Found:
                 }
             )
         masses = [run.info.spray["liquid_mass_kg"] * 1e6
-                  for run in (reference, *(runs[model] for model in _MODELS))]  # fmt: skip
-        means = [changes[pressure_MPa, model].mean() for model in _MODELS]
+                  for run in (reference, *(runs[model] for model in OTHERS))]  # fmt: skip
+        means = [changes[pressure_MPa, model].mean() for model in OTHERS]
         by_gas.append(
             f"{min(masses):.2f} to {max(masses):.2f} mg of liquid and mean differences of T_app of "
             f"{min(means):+.1f} to {max(means):+.1f} K at {gas}"
         )
-    shown = [(p, t, model) for p, t, _ in _GASES for model in _MODELS]
+    shown = [(p, t, model) for p, t, _ in _GASES for model in OTHERS]
     named = {
         f"{model}, {p:g}{_NO_BREAK}MPa, {t:g}{_NO_BREAK}K": changes[p, model].image
         for p, t, model in [*shown, (0.6, 570.0, _CHANCE)]
     }
     frame = frame_of(reference.scene)
-    title = f"T_app minus that with {_REFERENCE}"
-    hot_K = max(changes[0.6, model].rms() for model in _MODELS)
+    title = f"T_app minus that with {REFERENCE}"
+    hot_K = max(changes[0.6, model].rms() for model in OTHERS)
     return Found(
         values={
             "by_gas": "; ".join(by_gas),
-            "cold_K": max(changes[0.15, model].rms() for model in _MODELS),
+            "cold_K": max(changes[0.15, model].rms() for model in OTHERS),
             "dukowicz_tips_K": tips_change_K(*pairs[0.6, "dukowicz"]),
             "frolov_tips_K": tips_change_K(*pairs[0.6, "frolov-type"]),
             "frolov_root_K": root_change_K(*pairs[0.6, "frolov-type"]),
@@ -340,10 +334,6 @@ def fuel_temperature(lab: Lab) -> Found:
         },
         table=rows,
         figures=change_figures(
-            "fuel-temperature",
-            cold,
-            {"370 K": warm},
-            reference_name="330 K",
-            limit_K=40.0,
+            "fuel-temperature", cold, {"370 K": warm}, reference_name="330 K", limit_K=40.0
         ),
     )

@@ -138,6 +138,26 @@ def test_p_is_uniform_over_parts_and_a_shift_is_seen_as_often_as_stated() -> Non
     assert 180 <= found <= 199
 
 
+def test_p_is_uniform_where_one_part_is_correlated() -> None:
+    """Smooth noise in the left quarter alone: 10 of 200 have p below 0.05, give or take 3.1.
+
+    With one correlation for all pixels, of which the quarter has a share, there are 31.
+    """
+    rng = np.random.default_rng(7)
+    left = np.indices(SHAPE)[1] < 15
+    found: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(200):
+        change = np.where(left, smooth(rng, 2.5), smooth(rng, 0.0))
+        for known, chances in found.items():
+            strata = (left, ~left) if known else ()
+            one = chi_square(change, np.ones(SHAPE), NONE, EVERYWHERE, strata=strata)
+            assert one is not None
+            chances.append(one.p_value)
+    few, many = (int(np.sum(np.array(found[known]) < 0.05)) for known in (True, False))
+    assert few <= 20 < many
+    assert kstest(found[True], "uniform").pvalue > 0.01
+
+
 def test_no_pixel_is_none() -> None:
     nan = np.full(SHAPE, np.nan)
     assert chi_square(nan, np.ones(SHAPE), NONE, EVERYWHERE) is None
