@@ -17,6 +17,7 @@ from cldit.scene import Scene, load_scene
 from tests.bench.case import Case
 
 FOLDER = Path(__file__).parents[2] / "docs" / "benchmarks"
+UNLISTED = Path("build/benchmarks")  # of a page whose table another page has
 
 
 @dataclass(frozen=True)
@@ -58,12 +59,14 @@ class Given:
 def write_measured(
     measure: Callable[[Given], Part],
     options: Callable[[argparse.ArgumentParser], object] = lambda parser: None,
+    *,
+    folder: Path = FOLDER,
 ) -> None:
     """Measures what the command line asks for, and writes the page."""
     parser = argparse.ArgumentParser(prog=sys.argv[0], description=measure.__doc__)
     parser.add_argument("--scene", default="gdi-cone", help="a shipped name or a YAML file")
     parser.add_argument("--device", help="index or name of an OpenCL device")
-    parser.add_argument("--out", type=Path, default=FOLDER, help="folder of the page")
+    parser.add_argument("--out", type=Path, default=folder, help="folder of the page")
     options(parser)
     given = Given(parser.parse_args())
     given.save(measure(given))

@@ -11,7 +11,7 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
-from cldit.gpu.program import build
+from cldit.gpu.program import Define, build
 from cldit.spray.droplet.advance import (
     DropletStates,
     DropletSurroundings,
@@ -307,7 +307,7 @@ def test_a_work_item_of_one_droplet_is_one_of_eight(
     """The GPU's form on any device; compilers contract other sums to fused ones."""
     model = MODELS["abramzon-sirignano"]
     eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
-    program = build(device, "spray/droplets.cl", {**model.defines, "SIMD_WIDTH": 1})
+    program = build(device, "spray/droplets.cl", {"EVAPORATION": model.function, "SIMD_WIDTH": 1})
     one = replace(eight, program=program, width=1)
     columns = crowd(heptane, drops(heptane, 200))
     (out, after), (other, state) = (
@@ -329,7 +329,7 @@ def test_impossible_droplets_are_reported(device: Device, heptane: Fuel, nitroge
 def test_a_history_is_its_steps(device: Device, heptane: Fuel, nitrogen: Gas, width: int) -> None:
     """Of droplets through other gas in each step, of which some vanish, as step by step."""
     model = MODELS["abramzon-sirignano"]
-    defines = {**model.defines, "SIMD_WIDTH": width}
+    defines: dict[str, Define] = {"EVAPORATION": model.function, "SIMD_WIDTH": width}
     program = build(device, "spray/droplets.cl", defines, preamble=model.source)
     eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
     kernels = replace(eight, program=program, width=width)

@@ -44,7 +44,8 @@ def by_node(folder: Path, program: str, scripts: Sequence[str], *arguments: Path
         pytest.skip("no Node.js here (node)")
     script = "\n".join(page._source(f"script/{name}.js") for name in scripts)
     (folder / "script.js").write_text(script, encoding="utf-8")
-    words: list[str | Path] = [node, Path(__file__).with_name(program), folder / "script.js", *arguments]
+    words: list[str | Path] = [node, Path(__file__).with_name(program), folder / "script.js"]
+    words += arguments
     finished = subprocess.run(words, capture_output=True, text=True, check=False)
     assert finished.returncode == 0, finished.stderr
     return json.loads(finished.stdout)
