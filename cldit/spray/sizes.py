@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import gammainc, gammaincinv, gammaln, ndtr, ndtri
 
 from cldit.arrays import Floats
 from cldit.errors import SprayError
@@ -59,7 +59,7 @@ def _log_moments(sizes: Sizes, orders: Floats) -> tuple[float, Floats]:
             f"Rosin-Rammler with q = {n:g} has no moment of order {orders[shapes <= 0][0]:g}: "
             f"it needs q above {3 - orders[shapes <= 0][0]:g}"
         )
-    return m_um * 1e-6, gammaln(shapes)
+    return m_um * 1e-6, scipy.special.gammaln(shapes)
 
 
 def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
@@ -73,14 +73,16 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
     if isinstance(sizes, LogNormal):
         spread = np.log(sizes.sigma)
         shift = _POWER[by] * spread**2
-        return np.asarray(sizes.median_um * 1e-6 * np.exp(shift + spread * ndtri(shares)))
+        return np.asarray(
+            sizes.median_um * 1e-6 * np.exp(shift + spread * scipy.special.ndtri(shares))
+        )
     if isinstance(sizes, Histogram):
         edges, below = _running(sizes, _POWER[by])
         power = _POWER[by] + 1
         powers = np.interp(shares * below[-1], below, edges**power)
         return np.asarray(powers ** (1 / power) * 1e-6)
     m_um, n, _, shape = _weighted(sizes, by)
-    return np.asarray(m_um * 1e-6 * gammaincinv(shape, shares) ** (1 / n))
+    return np.asarray(m_um * 1e-6 * scipy.special.gammaincinv(shape, shares) ** (1 / n))
 
 
 def strata_m(sizes: Sizes, count: int) -> Floats:
@@ -95,7 +97,7 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
     if isinstance(sizes, LogNormal):
         # 1/D times the mass is again log-normal in D, with its median one sigma^2 lower.
         spread = np.log(sizes.sigma)
-        surface = ndtr(ndtri(edges) + spread)
+        surface = scipy.special.ndtr(scipy.special.ndtri(edges) + spread)
         d32 = sizes.median_um * 1e-6 * np.exp(2.5 * spread**2)
         return np.asarray(d32 / (count * np.diff(surface)))
     if isinstance(sizes, Histogram):
@@ -105,8 +107,8 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
         mass = _running(sizes, 3)[1][-1]
         return np.asarray(mass / (count * np.diff(below)) * 1e-6)
     m_um, n, _, shape = _weighted(sizes, "mass")
-    surface_below = gammainc(shape - 1 / n, gammaincinv(shape, edges))
-    total = np.exp(gammaln(shape - 1 / n) - gammaln(shape))
+    surface_below = scipy.special.gammainc(shape - 1 / n, scipy.special.gammaincinv(shape, edges))
+    total = np.exp(scipy.special.gammaln(shape - 1 / n) - scipy.special.gammaln(shape))
     return np.asarray(m_um * 1e-6 / (count * total * np.diff(surface_below)))
 
 
@@ -137,7 +139,7 @@ def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
         m_um, n, p, shape = _weighted(sizes, by)
         relative = d / (m_um * 1e-6)
         form = relative ** (p + power) * np.exp(-(relative**n))
-        return np.asarray(form * n / (m_um * 1e-6 * np.exp(gammaln(shape))))
+        return np.asarray(form * n / (m_um * 1e-6 * np.exp(scipy.special.gammaln(shape))))
 
 
 def _gamma(sizes: NukiyamaTanasawa | RosinRammler) -> tuple[float, float, float]:
