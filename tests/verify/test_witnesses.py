@@ -80,8 +80,10 @@ def test_single_shots_are_no_alarm(references: int, shots: int, plume: bool) -> 
 
 
 @pytest.mark.slow
-def test_no_false_alarm_of_two_hundred() -> None:
-    assert [line for seed in range(200) for line in _clean(seed)] == []
+def test_no_false_alarm_of_any_set_up() -> None:
+    """84 seeds, after those above, have each combination of shape, order, plume and backgrounds
+    (3, 2, 7 and 4 of them) once. 3.5 % of false alarms would show with a probability of 95 %."""
+    assert [line for seed in range(8, 92) for line in _clean(seed)] == []
 
 
 @pytest.mark.parametrize(
