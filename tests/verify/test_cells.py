@@ -28,7 +28,7 @@ def picture(folder: Path, device: Device, **domain: Any) -> cldit.Run:
     scene = grid_scene(
         folder,
         arrays,
-        size_m=np.multiply(SHAPE, VOXEL_m),
+        size_m=[VOXEL_m * count for count in SHAPE],
         domain={"edge_m": 32 * VOXEL_m, **domain},
         camera={"pixels": [40, 40], "field_m": [0.07, 0.07], "target_m": [0.0, 0.0, 0.0]},
         background={**behind, "temperatures_K": [420.0, 480.0]},
