@@ -10,8 +10,7 @@ then solved exactly; with more, entries are means over 1 % of the diameter (a tr
 which change the mean of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those
 means, Q_abs of itself at any k (resonances narrower than the samples: `mie.efficiencies`).
 Each new table is checked at five sizes against miepython, a second program for Mie's solution.
-`cldit show SCENE --part optics` prints the error for a scene, `python -m tests.bench optics` for k
-from 0 to 10.
+`cldit show SCENE --part optics` prints the error for a scene.
 """
 
 from dataclasses import dataclass

@@ -1,78 +1,23 @@
-"""Single droplets: evaporation models and published data, and errors of the integrator.
+"""Single droplets: evaporation models and published data.
 
 python -m tests.bench droplets --out docs/verification-droplets.md
-python -m tests.bench droplets --convergence docs/droplet-convergence.png
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-from matplotlib.ticker import NullFormatter
-
-from cldit.arrays import Floats
 from cldit.gpu.device import Device, open_device
-from cldit.io.files import write_bytes, write_text
+from cldit.io.files import write_text
 from cldit.run import default_cache
-from cldit.show.figures.style import WIDTH_IN, figure_of, png_of
 from cldit.spray.droplet.models import MODELS
 from tests.verify import droplet_published as published
-from tests.verify.droplet_convergence import Case, Convergence, measure_all
 from tests.verify.droplet_verification import (
     microgravity_K_mm2_s,
     nomura_K_mm2_s,
     suspended_mm2,
 )
-
-_COLOURS = ("#1b6ca8", "#e07b00", "#b3202c", "#7a4fa3", "#2f8f4e")
-_SHAPES = ("o", "s", "^", "v", "D")
-
-
-def convergence_picture(
-    found: Sequence[Convergence],
-    euler: Mapping[Case, tuple[Floats, Floats]],
-) -> bytes:
-    """PNG of error against step size (left) and run time (right), one row a case."""
-    cases = list(dict.fromkeys(item.case for item in found))
-    models = list(dict.fromkeys(item.model for item in found))
-    figure = figure_of(WIDTH_IN, 2.2 * len(cases) + 0.8)
-    grid = figure.subplots(len(cases), 2, squeeze=False)
-    for case, (left, right) in zip(cases, grid, strict=True):
-        for item in (item for item in found if item.case == case):
-            style = {
-                "color": _COLOURS[models.index(item.model) % len(_COLOURS)],
-                "marker": _SHAPES[models.index(item.model) % len(_SHAPES)],
-                "markersize": 8 - 1.3 * models.index(item.model),  # none hides another
-                "label": item.model,
-                "alpha": 0.8,
-            }
-            left.loglog(item.step_s * 1e6, item.step_error, **style)
-            order = np.argsort(item.adaptive_seconds)
-            right.loglog(item.adaptive_seconds[order] * 1e6, item.adaptive_error[order], **style)
-        if case in euler:
-            steps, error = euler[case]
-            left.loglog(steps * 1e6, error, "k--", label="explicit Euler, abramzon-sirignano")
-        left.set_title(case.name, fontsize=10, loc="left")
-        right.set_title("steps chosen by the integrator", fontsize=10, loc="left")
-        left.set_xlabel("step / µs")
-        right.set_xlabel("processor time / µs per droplet")
-        right.axhline(1e-3, color="grey", linewidth=0.8)
-        for axes in (left, right):
-            axes.set_ylim(1e-7, 2.0)
-            axes.set_ylabel("error")
-            axes.grid(alpha=0.3)
-            axes.xaxis.set_minor_formatter(NullFormatter())
-    handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
-    figure.suptitle(
-        "Error of lifetime and of the mass at half of it, against Radau (rtol 1e-7)\n"
-        "left: fixed steps, the last ends where the droplet vanishes",
-        fontsize=11,
-    )
-    return png_of(figure)
 
 
 def page(cache: Path, device: Device) -> str:
@@ -166,14 +111,7 @@ def _suspended_rows(cache: Path, device: Device) -> list[list[str]]:
 
 
 def main() -> None:
-    """Writes the page, or the figure of the convergence."""
+    """Writes the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="Markdown file")
-    parser.add_argument("--convergence", type=Path, help="PNG of errors of the integrator")
-    given = parser.parse_args()
-    if given.convergence is not None:
-        write_bytes(
-            given.convergence, convergence_picture(*measure_all(default_cache(), open_device()))
-        )
-    if given.out is not None:
-        write_text(given.out, page(default_cache(), open_device()))
+    parser.add_argument("--out", type=Path, help="Markdown file", required=True)
+    write_text(parser.parse_args().out, page(default_cache(), open_device()))

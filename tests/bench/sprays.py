@@ -21,7 +21,6 @@ from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.models import MODELS
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.simulate import simulate_spray
-from tests.bench.spray_cone import spray_cone
 from tests.bench.spray_g import spray_g
 from tests.bench.spray_history import Bench, table
 from tests.unit.spray.flow.free_jet import free_jet
@@ -315,7 +314,6 @@ SECTIONS: dict[str, Callable[[Bench], list[str]]] = {
     "half": _half,
     "jet": _eddies,
     "methane": _methane,
-    "cone": spray_cone,
 }
 
 

@@ -22,6 +22,7 @@ from cldit.testing.triggers import references_do_not_inject
 from tests.emulators.beds import BEDS
 from tests.emulators.blackbody import ModbusPeer
 from tests.emulators.dg645 import Dg645Peer
+from tests.emulators.rig import blackbody_choice
 
 for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
@@ -82,16 +83,7 @@ _ANSWER_s = 0.5  # a dead one is asked six times; a living one answers in a few 
 @pytest.fixture
 def rig(tiny_rig: dict[str, Any], tmp_path: Path) -> Iterator[tuple[Path, ModbusPeer, Dg645Peer]]:
     with ModbusPeer("eurotherm-3200", start_K=293.0) as body, Dg645Peer() as generator:
-        tiny_rig["background"] = {
-            "driver": "modbus_blackbody",
-            "settings": {
-                "model": "eurotherm-3200",
-                "temperature_unit": "celsius",
-                "host": body.host,
-                "port": body.port,
-                "limits_K": [290.0, 600.0],
-            },
-        }
+        tiny_rig["background"] = blackbody_choice(body, limits_K=[290.0, 600.0])
         tiny_rig["trigger"] = {
             "driver": "dg645",
             "settings": {"host": generator.host, "port": generator.port, "answer_s": _ANSWER_s},

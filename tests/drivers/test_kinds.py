@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from cldit.rig.drivers import describe_drivers
@@ -14,7 +12,6 @@ from tests.beds import SIMULATED
 from tests.emulators.beds import BEDS
 
 DRIVERS = describe_drivers()
-PAGE = Path(__file__).parents[2] / "docs" / "rig.md"
 
 
 def of_kind(kind: str, *, simulated: bool) -> list[str]:
@@ -39,10 +36,3 @@ def test_a_kind_has_contract_emulator_and_simulated_driver(kind: str) -> None:
     assert real, f"{kind}: no driver of an instrument"
     for name in real:
         assert BEDS.get(name) or beds_of(name), f"{name}: no emulator"
-
-
-@pytest.mark.parametrize("name", DRIVERS)
-def test_the_page_of_the_rig_has_every_driver(name: str) -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    simulated = DRIVERS[name].tested == "simulated"
-    assert ("`simulated_*`" if simulated else f"| `{name}` |") in text

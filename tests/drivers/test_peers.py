@@ -23,7 +23,7 @@ from cldit.testing.bed import opened
 from tests.emulators.beds import BEDS
 from tests.emulators.blackbody import ModbusPeer
 from tests.emulators.gige_camera import GigePeer
-from tests.emulators.rig import CALIBRATION
+from tests.emulators.rig import CALIBRATION, blackbody_choice
 from tests.patience import HANG_s, until
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
@@ -90,11 +90,7 @@ def test_modbus_agrees_with_minimalmodbus(
 def test_modbus_writes_a_setpoint_once() -> None:
     """The controller's memory for it wears out."""
     with ModbusPeer("eurotherm-3200") as peer:
-        device = open_modbus_blackbody(
-            {"model": "eurotherm-3200", "host": peer.host, "port": peer.port,
-             "limits_K": [283.0, 873.0], "temperature_unit": "celsius"},
-            CONTEXT,
-        )  # fmt: skip
+        device = open_modbus_blackbody(blackbody_choice(peer)["settings"], CONTEXT)
         device.connect()
         for _ in range(5):
             device.set_setpoint(400.0)

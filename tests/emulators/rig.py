@@ -38,6 +38,15 @@ CALIBRATION = {
 }
 
 
+def blackbody_choice(peer: FlukePeer | ModbusPeer, **settings: Any) -> dict[str, Any]:
+    """Part of a rig file for an emulated Fluke or Eurotherm, with other settings."""
+    line = {"host": peer.host, "port": peer.port, **settings}
+    if isinstance(peer, FlukePeer):
+        return {"driver": "fluke418x", "settings": line}
+    own = {"model": "eurotherm-3200", "temperature_unit": "celsius", "limits_K": [283.0, 873.0]}
+    return {"driver": "modbus_blackbody", "settings": {**own, **line}}
+
+
 class PeerRig:
     """Emulated rig, running once entered. The generator's output AB is the camera's Line1, CD the
     injector, which injects while `fuel_pressure`. The black body is a Eurotherm, or `fluke`."""
@@ -105,7 +114,7 @@ class PeerRig:
                     "calibration": CALIBRATION,
                 },
             },
-            "background": self._background(),
+            "background": blackbody_choice(self.blackbody, answer_s=_ANSWER_s),
             "trigger": {
                 "driver": "dg645",
                 "settings": {
@@ -115,21 +124,6 @@ class PeerRig:
                 },
             },
         }
-
-    def _background(self) -> dict[str, Any]:
-        line = {
-            "host": self.blackbody.host,
-            "port": self.blackbody.port,
-            "answer_s": _ANSWER_s,
-        }
-        if isinstance(self.blackbody, FlukePeer):
-            return {"driver": "fluke418x", "settings": line}
-        own = {
-            "model": "eurotherm-3200",
-            "temperature_unit": "celsius",
-            "limits_K": [283.0, 873.0],
-        }
-        return {"driver": "modbus_blackbody", "settings": {**own, **line}}
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.sweep import Sweeper
+from cldit.transport.trace import TraceSettings
 
 EDGE_M = 0.16
 DISC = np.array([8.0, 17.0, 9.0, 16.0])
@@ -88,3 +89,19 @@ def scene_of(**camera: Any) -> Scene:
             "background": {"radius_m": 0.03},
         }
     )
+
+
+def settings_of(**changes: Any) -> TraceSettings:
+    """Settings of a trace along few ordinates, without gather and audit."""
+    few: dict[str, Any] = {
+        "directions": 8,
+        "final_directions": 16,
+        "tolerance": 1e-3,
+        "order": None,
+        "cutoff": 1e-4,
+        "precision": "float32",
+        "seed": 1,
+        "gather": False,
+        "audit": False,
+    }
+    return TraceSettings(**{**few, **changes})

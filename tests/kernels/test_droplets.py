@@ -108,17 +108,6 @@ def test_gas_properties_are_those_of_the_table(apply: Any, tables: Path, name: s
         assert np.abs(got / wanted - 1).max() < LARGEST_ERROR + 30 * ULP, member
 
 
-def test_usual_fuels_are_fitted_much_better(heptane: Fuel, nitrogen: Gas, tables: Path) -> None:
-    """The largest error is for alcohols' cp; these are within 3e-4."""
-    for fuel in (heptane, fuel_table("iso-octane", cache=tables)):
-        known = twin.Properties(property_table(fuel, nitrogen))
-        kelvin = np.linspace(fuel.liquid.low_K, fuel.liquid.high_K, 997)
-        exact = np.array(fuel.liquid.at(kelvin, "ln_psat", "density", "cp", "latent"))
-        got = known.liquid(kelvin)[:4]
-        assert np.abs(got[0] - exact[0]).max() < 3e-4
-        assert np.abs(got[1:] / exact[1:] - 1).max() < 3e-4
-
-
 def test_a_property_that_no_polynomial_follows_is_refused() -> None:
     kelvin = np.linspace(200.0, 500.0, 301)
     jump = np.where(kelvin < 350, 1.0, 1.1)

@@ -19,10 +19,10 @@ from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import defect_correction, gmres, order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-from cldit.transport.trace import TraceSettings, trace
+from cldit.transport.trace import trace
 from tests.phase_tables import henyey_greenstein
 
-from .medium import random_tree, scene_of, sweeper_of
+from .medium import random_tree, scene_of, settings_of, sweeper_of
 
 
 def _rms(values: NDArray[np.floating]) -> float:
@@ -92,20 +92,7 @@ def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(Sweeper, "__init__", counted)
     scene = scene_of()
-    settings = TraceSettings(
-        directions=8,
-        final_directions=16,
-        tolerance=1e-3,
-        order=None,
-        cutoff=1e-4,
-        precision="float32",
-        seed=1,
-        phase=henyey_greenstein(0.8),
-        max_samples=64,
-        accuracy_K=10.0,
-        gather=False,
-        audit=False,
-    )
+    settings = settings_of(phase=henyey_greenstein(0.8), max_samples=64, accuracy_K=10.0)
     trace(random_tree(6), scene, device, settings)
     assert made == [0, 0]
     assert not alive

@@ -7,9 +7,9 @@ import pytest
 
 from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells
-from cldit.transport.trace import TraceSettings, trace
+from cldit.transport.trace import trace
 
-from .medium import random_tree, scene_of, source_planes
+from .medium import random_tree, scene_of, settings_of, source_planes
 from .reference import march
 
 
@@ -23,16 +23,7 @@ def test_image_against_numpy(device: Device, model: str, edge: int) -> None:
     """
     tree = random_tree(6, cells=edge, hollow=edge == 32)
     scene = scene_of(model=model)
-    settings = TraceSettings(
-        directions=8,
-        final_directions=16,
-        tolerance=1e-3,
-        order=0,
-        cutoff=0.0,
-        precision="float32",
-        seed=1,
-    )
-    got = trace(tree, scene, device, settings)
+    got = trace(tree, scene, device, settings_of(order=0, cutoff=0.0))
     cells = OpticalCells.of(tree)
     planes = source_planes(cells)
     planes[1, cells.address] += cells.albedo

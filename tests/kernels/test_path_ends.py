@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cldit.gpu.device import Device
-from cldit.transport.trace import Trace, TraceSettings, trace
+from cldit.transport.trace import Trace, trace
 from cldit.transport.tuning import Tuning
 
-from .medium import random_tree, scene_of
+from .medium import random_tree, scene_of, settings_of
 
 
 def traced(device: Device, scatterings: int, **changed: Any) -> Trace:
-    settings = TraceSettings(
-        directions=8,
-        final_directions=16,
-        tolerance=1e-3,
-        order=None,
-        cutoff=1e-4,
-        precision="float32",
-        seed=1,
-        method="path",
-        max_samples=128,
-        accuracy_K=0.01,
-        gather=False,
-        tuning=Tuning(path_scatterings=scatterings, audit_samples_least=128),
-    )
-    tree = random_tree(6, scattering=30.0)
-    return trace(tree, scene_of(), device, replace(settings, **changed))
+    tuning = Tuning(path_scatterings=scatterings, audit_samples_least=128)
+    usual = {"method": "path", "max_samples": 128, "accuracy_K": 0.01, "audit": True}
+    settings = settings_of(**{**usual, "tuning": tuning, **changed})
+    return trace(random_tree(6, scattering=30.0), scene_of(), device, settings)
 
 
 def test_paths_that_end_are_counted(device: Device) -> None:

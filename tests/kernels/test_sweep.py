@@ -17,7 +17,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.scene.vessel import Patch
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
-from cldit.transport.boundary import boundary_seen, patch_rows, shifted
+from cldit.transport.boundary import NONE, boundary_seen, patch_rows, shifted
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, BlurredBoundary
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
@@ -39,6 +39,35 @@ WINDOWS = (
         temperature_K=400,
     ),
 )
+
+
+def next_order(
+    sweeper: Sweeper,
+    cells: OpticalCells,
+    source: NDArray[np.floating],
+    directions: Ordinates,
+    starts: NDArray[np.float64],
+    patches: NDArray[np.float64] = NONE,
+) -> NDArray[np.float64]:
+    """Source (C, N) after a further scattering of the light of `source`, by the NumPy twin."""
+    box = sweeper.box
+    planes = source_planes(cells)
+    planes[:, cells.address] = source
+    dense = np.stack([cells.dense(box, plane) for plane in planes])
+    light = dense.copy()
+    for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
+        light += sweep(
+            cells.dense(box, cells.depth),
+            dense,
+            back=unit,
+            weight=float(weight),
+            start=start,
+            centre=DISC[:3] - box.low,
+            radius=4.0,
+            patches=shifted(patches, -np.array(box.low, float)),
+        )[0]
+    mean = light.reshape(len(dense), -1)[:, cells.place(box, cells.address)]
+    return np.asarray(cells.albedo * mean + sweeper.thermal)
 
 
 @pytest.mark.parametrize(
@@ -72,29 +101,9 @@ def test_sweep_against_numpy(
     sweeper.set_source(guess, shining=True)
     sweeper.sweep(sweeper.rays(directions, starts), shining=True)
     got = sweeper.read(sweeper.next_order())
-
-    box = sweeper.box
-    depth = cells.dense(box, cells.depth)
-    planes = source_planes(cells)
-    planes[:, cells.address] = guess
-    source = np.stack([cells.dense(box, plane) for plane in planes])
-    i_minus_s = np.zeros_like(source)
-    for unit, weight, start in zip(directions.unit, directions.weight, starts, strict=True):
-        i_minus_s += sweep(
-            depth,
-            source,
-            back=unit,
-            weight=float(weight),
-            start=start,
-            centre=DISC[:3] - box.low,
-            radius=4.0,
-            patches=shifted(patches, -np.array(box.low, float)),
-        )[0]
+    expected = next_order(sweeper, cells, guess, directions, starts, patches)
     if windows:
-        assert np.all(i_minus_s[2:4].reshape(2, -1).max(axis=1) > 0.01)  # both are seen
-    place = cells.place(box, cells.address)
-    mean = (source + i_minus_s).reshape(len(source), -1)[:, place]
-    expected = cells.albedo * mean + sweeper.thermal
+        assert np.all(expected[2:4].max(axis=1) > 0.01)  # both are seen
     # Twelve rays through at most 16 cells, each a few roundings; a ray that crosses a cell boundary
     # within rounding (none at this seed) would differ by far more.
     np.testing.assert_allclose(got, expected, atol=1e-13 if float64 else 1e-6)
@@ -105,27 +114,12 @@ def test_rays_that_change_rows_at_the_ends_of_layers(device: Device) -> None:
     cells = OpticalCells.of(random_tree(3))
     sweeper = sweeper_of(device, cells)
     corners = np.array(list(product((-1.0, 1.0), repeat=3))) / 3**0.5
-    rays = sweeper.rays(Ordinates(corners, np.full(8, 1 / 8)), np.zeros((8, 2)))
-    source = source_planes(cells)
-    source[:, cells.address] = order_0(sweeper, cells.albedo)
-    sweeper.set_source(source[:, cells.address], shining=True)
-    sweeper.sweep(rays, shining=True)
-    got = sweeper.read(sweeper.next_order())
-    dense = np.stack([cells.dense(sweeper.box, plane) for plane in source])
-    place = cells.place(sweeper.box, cells.address)
-    mean = dense.reshape(len(dense), -1)[:, place]
-    for unit in corners:
-        i_minus_s = sweep(
-            cells.dense(sweeper.box, cells.depth),
-            dense,
-            back=unit,
-            weight=1 / 8,
-            start=np.zeros(2),
-            centre=DISC[:3] - sweeper.box.low,
-            radius=4.0,
-        )[0]
-        mean += i_minus_s.reshape(len(dense), -1)[:, place]
-    np.testing.assert_allclose(got, cells.albedo * mean + sweeper.thermal, atol=1e-6)
+    directions, starts = Ordinates(corners, np.full(8, 1 / 8)), np.zeros((8, 2))
+    guess = order_0(sweeper, cells.albedo)
+    sweeper.set_source(guess, shining=True)
+    sweeper.sweep(sweeper.rays(directions, starts), shining=True)
+    expected = next_order(sweeper, cells, guess, directions, starts)
+    np.testing.assert_allclose(sweeper.read(sweeper.next_order()), expected, atol=1e-6)
 
 
 def moments(

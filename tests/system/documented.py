@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 import pytest
 
 from cldit.cli import main
-from cldit.cli.options import SceneName
-from cldit.scene import shipped_scenes
 
 ROOT = Path(__file__).parents[2]
 PAGES = ["README.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
 _BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _EXTRAS = re.compile(r'pip\s+install\s+"[^"\[]*\[([\w,]+)\]"|`cldit\[(\w+)\]`')
-_READ = re.compile(r'\b(?:open_run|open_study|open_rig|evaluate|view_items)\(\[?"([^"]+)"')
 
 BEGIN: dict[str, tuple[str, ...]] = {
     "README.md": ("path/to/case",),
@@ -36,8 +31,6 @@ BEGIN: dict[str, tuple[str, ...]] = {
     "docs/view.md": ("runs/gdi",),
 }
 """Files and folders of the reader that a page assumes; all others are made on the page."""
-
-_WRITTEN = {"out", "save", "write_measured", "write_mapping", "fit"}  # names of parameters
 
 
 @dataclass(frozen=True)
@@ -96,56 +89,3 @@ def parsed(text: str) -> click.Context:
             if isinstance(part.type, click.Path):
                 patch.setattr(part.type, "exists", False)
         return group.make_context(group.name, words, parent=context.parent)
-
-
-def unknown_files(page: str) -> list[str]:
-    """Files that a command or script of the page reads, but that nothing on the page made."""
-    known = set(BEGIN.get(page, ()))
-    runs: dict[str, str] = {}  # the scene of each run's default folder, as it was written
-    missing = []
-    for step in steps(page):
-        if step.text.startswith("python3 make.py run"):
-            known.add("runs/gdi")
-            runs["runs/gdi"] = "gdi"
-        if step.language == "python":
-            missing += [name for name in _READ.findall(step.text) if not _has(known, name)]
-        if not step.is_cldit:
-            continue
-        context = parsed(step.text)
-        missing += [name for name in _read_by(context) if not _has(known, name)]
-        known |= set(_made_by(context, step.text, runs))
-    return missing
-
-
-def _has(known: Iterable[str], name: str) -> bool:
-    """True for a known path, and for what lies in it or is a folder around it."""
-    return any(f"{name}/".startswith(f"{one}/") or one.startswith(f"{name}/") for one in known)
-
-
-def _read_by(context: click.Context) -> Iterator[str]:
-    for part in context.command.params:
-        if part.name in _WRITTEN or not isinstance(part.type, click.Path | SceneName | click.Tuple):
-            continue
-        given = context.params[str(part.name)]
-        scene = not isinstance(part.type, click.Path)
-        for name in given if isinstance(given, tuple) else (given,):
-            if isinstance(name, str | Path) and not (scene and str(name) in shipped_scenes()):
-                yield str(name)
-
-
-def _made_by(context: click.Context, text: str, runs: dict[str, str]) -> Iterator[str]:
-    given: dict[str, Any] = context.params
-    command = context.info_name
-    yield from (str(given[name]) for name in _WRITTEN & set(given) if given[name])
-    if command == "import" and given["fit"] == "":
-        yield f"{Path(given['file']).stem}.yaml"
-    if given.get("out") is not None or "scene" not in given or given["scene"] is None:
-        return
-    name = Path(given["scene"]).stem
-    if command == "plan":
-        yield f"runs/{name}-plan"
-    if command == "run":
-        folder = name if given["cfd"] is None else f"{name}-{given['cfd'].name}"
-        places = [f"runs/{folder}", *(f"runs/{folder}-{number}" for number in range(2, 9))]
-        place = next(p for p in places if runs.setdefault(p, text) == text)
-        yield place

@@ -1,7 +1,6 @@
 """Every `cldit` command in the README and the docs is one that there is, options and all.
 
-So is every file that it names: shipped, made by an earlier command of the same page, or the
-reader's own. `test_walk.py` runs the pages.
+`test_walk.py` runs the pages, on the files that each begins with.
 """
 
 from __future__ import annotations
@@ -9,8 +8,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from tests.system import documented
-from tests.system.documented import BEGIN, PAGES, Step, parsed, steps, unknown_files
+from tests.system.documented import PAGES, parsed, steps
 
 _COMMANDS = [(page, step.text) for page in PAGES for step in steps(page) if step.is_cldit]
 
@@ -35,35 +33,3 @@ def test_commands_are_found_in_the_pages() -> None:
 def test_a_wrong_one_is_noticed(line: str) -> None:
     with pytest.raises((click.UsageError, AssertionError)):
         parsed(line)
-
-
-@pytest.mark.parametrize("page", sorted({page for page, _ in _COMMANDS}))
-def test_files_of_a_page_are_made_by_it(page: str) -> None:
-    assert unknown_files(page) == []
-
-
-@pytest.mark.parametrize("page", sorted(BEGIN))
-def test_what_a_page_begins_with_is_used(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    used = documented.BEGIN[page]
-    monkeypatch.setitem(documented.BEGIN, page, ())
-    missing = [*unknown_files(page), *(s.text for s in steps(page) if "tests.bench" in s.text)]
-    assert [name for name in used if not any(name in one for one in missing)] == []
-
-
-@pytest.mark.parametrize(
-    ("lines", "missing"),
-    [
-        (["cldit run gdi", "cldit view runs/gdi"], []),
-        (["cldit run gdi --order 1", "cldit run gdi", "cldit view runs/gdi-2"], []),
-        (["cldit run gdi", "cldit run gdi", "cldit view runs/gdi-2"], ["runs/gdi-2"]),
-        (["cldit view runs/gdi", "cldit run gdi"], ["runs/gdi"]),
-        (["cldit plan gdi --error 2K", "cldit acquire runs/gdi-plan/rig.yaml p.yaml --out s"],
-         ["p.yaml"]),
-        (["cldit import case --fit", "cldit run case.yaml"], ["case"]),
-    ],
-)  # fmt: skip
-def test_a_file_that_nothing_made_is_noticed(
-    lines: list[str], missing: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(documented, "steps", lambda _: [Step("sh", line) for line in lines])
-    assert unknown_files("no page") == missing

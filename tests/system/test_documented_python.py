@@ -1,4 +1,4 @@
-"""Every Python block of the README and the docs runs, as it stands."""
+"""Python blocks of the docs run as they stand; those of other pages in `test_walk.py`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ import yaml
 from cldit.acquisition.frames import open_stack
 from cldit.acquisition.pictures.source import Source
 from cldit.errors import EvaluationError
-from cldit.prepare.spray_factory import make_spray
-from cldit.scene import dump_scene, load_scene, parse_scene
 from tests.laboratory import laboratory
 from tests.measured_files import write_measured
 
@@ -105,43 +103,6 @@ def test_evaluation() -> None:
     assert "background" in names["maps"].remarks and names["spray"].dims == ("z", "x")
 
 
-SMALL = {"camera": {"pixels": [48, 48]}, "domain": {"leaf_edge_m": 4e-3}}
-
-
-@pytest.fixture
-def gdi(here: Path) -> None:
-    """A file of that name with fewer pixels and coarser cells: scenes are files as well."""
-    data = load_scene("gdi-cone").model_dump(mode="json")
-    for section, changes in SMALL.items():
-        data[section] |= changes
-    (here / "gdi").write_text(dump_scene(parse_scene(data)), encoding="utf-8")
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("gdi")
-def test_readme(here: Path) -> None:
-    names = run("README.md")
-    assert names["run"].weights.background.shape == (102, 128)
-    assert (here / "runs" / "traced" / "scene.yaml").is_file()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("here")
-def test_importing() -> None:
-    """The file of the page's script is read as it says."""
-    run_of = run("docs/importing.md")
-    spray = make_spray(run_of["scene"].spray)
-    assert spray.prescribed is not None
-    cells = spray.prescribed.cells
-    places_m = (cells.lower_m + cells.upper_m) / 2
-    filled = run_of["inside"]
-    assert spray.notes["voxels_filled"] == filled.sum() > 1000
-    assert np.all(np.hypot(places_m[:, 0], places_m[:, 1]) < 0.3 * np.abs(places_m[:, 2]))
-    # 57 mm below the tip the cone is 34 mm thick: 100 per m
-    most = 1.0 - np.exp(-100.0 * 0.034)
-    assert np.nanmax(run_of["run"].maps.emissivity) == pytest.approx(most, abs=0.03)
-
-
 @pytest.mark.usefixtures("here")  # the rig's run is beside it
 def test_rig(tiny_rig: dict[str, Any]) -> None:
     Path("rig.yaml").write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
@@ -178,8 +139,7 @@ def test_sharing(here: Path) -> None:
 def test_no_page_is_forgotten() -> None:
     found = [*(_ROOT / "docs").rglob("*.md"), _ROOT / "README.md", _ROOT / "CONTRIBUTING.md"]
     pages = [str(page.relative_to(_ROOT)) for page in found]
-    run_here = {"README.md", "docs/dit.md", "docs/errors.md", "docs/extending.md", "docs/rig.md"}
-    run_here |= {"docs/importing.md", "docs/view.md"}
-    run_here.add("docs/sharing.md")
-    run_here |= {"docs/ten-things.md", "docs/studies.md", "docs/spray.md"}  # in test_walk.py alone
-    assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == run_here
+    here = ("dit", "errors", "extending", "rig", "sharing", "view")
+    walked = ("importing", "spray", "studies", "ten-things")
+    known = {"README.md", *(f"docs/{name}.md" for name in (*here, *walked))}
+    assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == known

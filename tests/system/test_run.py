@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
 import yaml
 from click.testing import CliRunner, Result
 
@@ -99,17 +97,6 @@ def test_measured_agrees_with_noise_free(finished: Path) -> None:
     z = miss / run.measured.emissivity_standard_error[seen]
     assert abs(np.median(z)) < 1.0
     assert np.median(np.abs(miss)) < 0.02
-
-
-def test_tiffs_carry_name_unit_and_scale(finished: Path) -> None:
-    with tifffile.TiffFile(finished / "maps/apparent_temperature_K.tif") as tiff:
-        assert tiff.is_imagej and tiff.imagej_metadata is not None
-        assert tiff.imagej_metadata["unit"] == "mm"
-        info = json.loads(tiff.imagej_metadata["Info"])
-        assert info["unit"] == "K"
-        x = tiff.pages[0].tags["XResolution"].value  # type: ignore[union-attr]
-        assert x[0] / x[1] == pytest.approx(1 / 2.0, rel=1e-5)  # 160 mm over 80 pixels
-        assert tiff.pages[0].dtype == np.float32
 
 
 def test_report_is_self_contained(finished: Path) -> None:
@@ -205,21 +192,6 @@ def test_damaged_run_folders(finished: Path, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"device": 1}')
     with pytest.raises(RunFolderError, match=r"run\.json: is damaged"):
         cldit.open_run(tmp_path)
-
-
-@pytest.mark.slow
-def test_methane_runs_no_scattering_code() -> None:
-    """`methane-jet` at low resolution: nothing about scattering was compiled or run."""
-    data = cldit.load_scene("methane-jet").model_dump(mode="json")
-    data["camera"].update(WHOLE)
-    data["camera"]["pixels"] = [60, 60]
-    data["domain"]["leaf_edge_m"] = 4e-3
-    run = cldit.simulate(cldit.Scene.from_dict(data))
-    assert set(run.info.defines) == {"image.cl"}
-    assert "HAS_SCATTERING" not in run.info.defines["image.cl"]
-    assert not np.any(run.weights.liquid)
-    scattering = next(stage for stage in run.info.stages if stage.name == "scattering")
-    assert "skipped" in scattering.note
 
 
 def test_one_background_can_be_traced_but_not_evaluated(tmp_path: Path) -> None:

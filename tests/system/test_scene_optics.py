@@ -1,8 +1,7 @@
-"""Size distributions and windows from a scene's YAML to its maps, as a user writes them.
+"""Size distributions from a scene's YAML to its maps, as a user writes them.
 
 Rationale: light comes from gas, droplets and walls alone, so that an apparent temperature outside
-theirs would be energy from nowhere; DIT divides out what windows do, so that the maps with and
-without them agree.
+theirs would be energy from nowhere.
 """
 
 from __future__ import annotations
@@ -35,12 +34,6 @@ background: {{radius_m: 0.08, temperatures_K: [413.0, 473.0, 533.0]}}
 walls: {{temperature_K: 450.0}}
 transport: {{phase: mie}}
 """
-WINDOWS = """
-windows:
-  - {side: front, material: CaF2, thickness_m: 0.01, temperature_K: 420}
-  - {side: rear, material: sapphire, thickness_m: 0.008, temperature_K: 430}
-"""
-NINE_UM = "{diameter_um: 9.0}"
 
 
 @pytest.fixture(scope="module")
@@ -83,22 +76,3 @@ def test_every_distribution_of_sizes(
     # Forward: 0.8 to 0.9, as droplets several wavelengths wide scatter (van de Hulst, 12).
     g = float(run.info.phase.partition(", g ")[2].split()[0])
     assert run.info.phase.startswith("mie") and 0.8 < g < 0.9
-
-
-@pytest.mark.slow
-def test_two_windows_in_yaml(folder: Path, device: Device) -> None:
-    plain = SCENE.format(droplets=NINE_UM)
-    without, behind = (run_of(text, folder, device) for text in (plain, plain + WINDOWS))
-    assert [window.material for window in behind.scene.windows] == ["CaF2", "sapphire"]
-    spray = np.nan_to_num(without.maps.emissivity) > VISIBLE_EMISSIVITY
-    assert spray.sum() > 10
-    kelvin = [run.maps.apparent_temperature_K[spray] for run in (without, behind)]
-    # What the windows take is known exactly; float32 weights leave 1e-6 of emissivity, 0.01 K.
-    np.testing.assert_allclose(kelvin[1], kelvin[0], atol=0.01)
-    np.testing.assert_allclose(
-        behind.maps.emissivity[spray], without.maps.emissivity[spray], atol=2e-6
-    )
-    # They were there: less of the spray's light reaches the sensor, whose noise counts for more.
-    assert behind.info.integration_time_s == without.info.integration_time_s
-    noise = [run.maps.apparent_temperature_standard_error_K[spray] for run in (without, behind)]
-    assert np.all(noise[1] > 1.02 * noise[0])

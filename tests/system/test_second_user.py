@@ -27,6 +27,7 @@ from cldit.rig.errors import InUse, NotSafe
 from cldit.testing.bed import opened
 from tests.beds import in_tiers, make_of
 from tests.emulators.blackbody import ModbusPeer
+from tests.emulators.rig import blackbody_choice
 from tests.patience import HANG_s
 
 HOLDS = """
@@ -106,13 +107,7 @@ def test_a_rig_touches_none_of_its_instruments(tiny_rig: dict[str, Any], tmp_pat
         opened(make_of("dg645", "tcp", {})) as bed,
     ):
         assert bed.replies is not None
-        own = {
-            "model": "eurotherm-3200",
-            "temperature_unit": "celsius",
-            "limits_K": [283.0, 873.0],
-        }
-        body_settings = {**own, "host": body.host, "port": body.port}
-        tiny_rig["background"] = {"driver": "modbus_blackbody", "settings": body_settings}
+        tiny_rig["background"] = blackbody_choice(body)
         settings = bed.device._settings.model_dump(mode="json")
         tiny_rig["trigger"] = {"driver": "dg645", "settings": settings}
         tiny_rig["clock"] = {"model": "system"}

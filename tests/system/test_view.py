@@ -5,6 +5,7 @@ Without Chromium or playwright these tests are skipped.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
+from cldit.radiance.weights import Weights
 from cldit.run import Run, open_run, reevaluated
-from cldit.show.view import save_page, view_items
+from cldit.show.view import Item, page_html, save_page, view_items
 from cldit.show.view.traced import traced_item
 from tests.viewed import Viewer, as_asked, made_run, open_page, scene_for
 
@@ -201,3 +203,28 @@ def test_a_series_has_a_slider_over_its_times(viewer: Viewer, tmp_path: Path) ->
     viewer.drawn()
     assert viewer.page.inner_text("#frame-name") == "made, 1.5 ms"
     assert np.nanmax(viewer.numbers(panel=0)) == pytest.approx(2.0, rel=0.05) != before
+
+
+def million(field_m: float) -> Item:
+    """1000 x 1000 pixels with noise as a trace has it, a blob of 45 mm radius in the middle."""
+    scene = scene_for(
+        camera={"pixels": [1000, 1000], "field_m": [field_m, field_m]}, windows=[], patches=[]
+    )
+    run, rng = made_run(scene), np.random.default_rng(7)
+    bare = run.reference.images
+
+    def noisy(images: Mapping[str, NDArray[np.float32]]) -> Weights:
+        """Of what the spray changes, a thousandth."""
+        factor = 1 + 1e-3 * rng.standard_normal((1000, 1000), np.float32)
+        return Weights.of({k: bare[k] + (image - bare[k]) * factor for k, image in images.items()})
+
+    spectral = tuple(noisy(one.images) for one in run.spectral)
+    return traced_item(replace(run, spectral=spectral), source="made.yaml")
+
+
+@pytest.mark.slow
+def test_a_million_pixels_of_spray_can_be_mailed() -> None:
+    """The worst case: spray in every pixel."""
+    item = million(0.05)
+    assert item.arrays["covered"].mean() > 0.99
+    assert len(page_html([item])) < 15e6

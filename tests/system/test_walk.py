@@ -358,12 +358,6 @@ def test_nothing_else_is_installed(
     assert Path(printed.strip()).is_relative_to(ROOT)
 
 
-def test_what_is_not_run_is_documented() -> None:
-    texts = [step.text for page in PAGES for step in steps(page)]
-    for start in (*NOT, *ONLY_LONG):
-        assert any(text.startswith(start) for text in texts), start
-
-
 def test_every_page_with_commands_is_walked() -> None:
     others = [page for page in PAGES if page not in _WALKED]
     scripts = {page for page in others if any(s.language == "python" for s in steps(page))}

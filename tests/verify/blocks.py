@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,28 @@ import cldit
 from cldit.gpu.device import Device
 from cldit.run import Run
 from cldit.spray.result import Spray
+
+
+def grid_scene(
+    folder: Path, arrays: dict[str, Any], *, size_m: Sequence[float], **scene: Any
+) -> dict[str, Any]:
+    """Scene whose spray is one grid file, which is written into `folder`.
+
+    Args:
+        arrays: scalars (one voxel) or (nx, ny, nz) arrays by their names in the file.
+        size_m: of the whole block, centred at the origin.
+        scene: sections of the scene.
+    """
+    full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
+    shape = np.broadcast_shapes(*(array.shape for array in full.values()))
+    file = folder / f"block{sum(1 for _ in folder.glob('*.npz')) + 1}.npz"
+    contents: dict[str, Any] = {
+        "origin_m": -np.asarray(size_m) / 2,
+        "spacing_m": np.asarray(size_m) / shape,
+        **{name: np.broadcast_to(array, shape) for name, array in full.items()},
+    }
+    np.savez(file, **contents)
+    return {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
 
 
 @dataclass(frozen=True)
@@ -31,23 +54,8 @@ class Blocks:
     def scene(
         self, arrays: dict[str, Any], *, size_m: tuple[float, float, float], **scene: Any
     ) -> dict[str, Any]:
-        """Scene whose spray is one grid file.
-
-        Args:
-            arrays: scalars (one voxel) or (nx, ny, nz) arrays by their names in the file.
-            size_m: of the whole block, centred at the origin.
-            scene: sections of the scene.
-        """
-        full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
-        shape = max((array.shape for array in full.values()), key=np.prod)
-        file = self.folder / f"block{sum(1 for _ in self.folder.glob('*.npz')) + 1}.npz"
-        contents: dict[str, Any] = {
-            "origin_m": -np.asarray(size_m) / 2,
-            "spacing_m": np.asarray(size_m) / shape,
-            **{name: np.broadcast_to(array, shape) for name, array in full.items()},
-        }
-        np.savez(file, **contents)
-        return {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
+        """As `grid_scene`, in the folder of these blocks."""
+        return grid_scene(self.folder, arrays, size_m=size_m, **scene)
 
     def simulated(self, data: dict[str, Any], spray: Spray | None = None) -> Run:
         """Simulates a scene; `spray` is used as if it had been imported."""

@@ -1,27 +1,20 @@
-"""Error of the integrator against step size and run time, beside an independent solver."""
+"""Error of the integrator against an independent solver."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from cldit.arrays import Floats
-from cldit.gpu.device import Device
 from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
 from cldit.spray.droplet.arrays import DropletKernels
-from cldit.spray.droplet.fluids import Fuel, fuel_table, gas_table
-from cldit.spray.droplet.models import MODELS
+from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.droplet.rates import Drop, rates
 
 _COPIES = 64  # of the droplet, followed together as in a spray
-_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
-_TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
-_EULER_STEPS = (16, 32, 64, 128, 256, 512, 1024)
 _CUT = 1e-4  # of s, where the reference hands over to s falling evenly
 
 
@@ -42,21 +35,6 @@ CASES = (
     Case("d → 0: 0.3 µm, 370 K in 620 K, 0.15 MPa", 0.3e-6, 370.0, 620.0, 0.15e6),
     Case("0.1 K below boiling: 9 µm in 1100 K, 0.15 MPa", 9e-6, 385.4, 1100.0, 0.15e6),
 )
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """Errors with fixed steps, and with steps chosen for falling tolerances, (N,) each.
-
-    Errors are those of `error_of`, seconds are processor time per droplet.
-    """
-
-    case: Case
-    model: str
-    step_s: Floats
-    step_error: Floats
-    adaptive_error: Floats
-    adaptive_seconds: Floats
 
 
 @dataclass(frozen=True)
@@ -128,72 +106,6 @@ def integrated(
             return Reference(at + float(found.gone_s[0]), left)
         at += step
     return Reference(np.inf, left)
-
-
-def explicit_euler(case: Case, kernels: DropletKernels, *, half_s: float, steps: int) -> Reference:
-    """Plain steps of mass and temperature, for comparison; infinite where it breaks down."""
-    fuel = kernels.fuel
-    first = mass = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
-    warm, step, left = case.temperature_K, half_s / steps, 0.0
-    for number in range(10 * steps):
-        rate, heat = _rates(case, kernels, mass, warm)
-        if mass <= rate * step:
-            return Reference(number * step + mass / rate, left)
-        warm += step * heat / (mass * float(fuel.liquid.value("cp", warm)))
-        mass -= rate * step
-        if not fuel.liquid.low_K < warm < fuel.liquid.high_K:
-            break
-        if number == steps - 1:
-            left = mass / first
-    return Reference(np.inf, left)
-
-
-def measure(case: Case, model: str, kernels: DropletKernels) -> Convergence:
-    """Errors and run times of one model in one case."""
-    wanted = reference(case, kernels)
-    rows: list[tuple[float, float]] = []
-    for steps, tolerance in [(n, np.inf) for n in _STEPS] + [(1, tol) for tol in _TOLERANCES]:
-        began = time.process_time()
-        found = integrated(
-            case,
-            kernels,
-            half_s=wanted.life_s / 2,
-            steps=steps,
-            tolerance=tolerance,
-        )
-        rows.append((error_of(found, wanted), (time.process_time() - began) / _COPIES))
-    error, seconds = np.array(rows).T
-    fixed = len(_STEPS)
-    return Convergence(
-        case=case,
-        model=model,
-        step_s=wanted.life_s / 2 / np.array(_STEPS),
-        step_error=error[:fixed],
-        adaptive_error=error[fixed:],
-        adaptive_seconds=seconds[fixed:],
-    )
-
-
-def measure_euler(case: Case, kernels: DropletKernels) -> tuple[Floats, Floats]:
-    """Errors of `explicit_euler`."""
-    wanted = reference(case, kernels)
-    half = wanted.life_s / 2
-    error = [
-        error_of(explicit_euler(case, kernels, half_s=half, steps=n), wanted) for n in _EULER_STEPS
-    ]
-    return half / np.array(_EULER_STEPS), np.array(error)
-
-
-def measure_all(
-    cache: Path,
-    device: Device,
-) -> tuple[list[Convergence], dict[Case, tuple[Floats, Floats]]]:
-    """All models in all cases; and explicit Euler with the first model."""
-    fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
-    kernels = {name: DropletKernels.of(device, fuel, gas, model) for name, model in MODELS.items()}
-    found = [measure(case, name, kernels[name]) for case in CASES for name in MODELS]
-    first = kernels[next(iter(MODELS))]
-    return found, {case: measure_euler(case, first) for case in CASES}
 
 
 def _states(case: Case, fuel: Fuel) -> tuple[DropletStates, DropletSurroundings]:

@@ -16,7 +16,6 @@ from tests.verify import droplet_published as published
 from tests.verify.droplet_published import Suspended
 
 _EVEN = (0.25, 0.8)  # of d0^2: where K is read off, in the measurements as in the models
-CONDITIONS = ((0.15, 300), (0.15, 573), (0.15, 620), (0.3, 500), (0.6, 573), (0.9, 300), (0.9, 620))
 
 
 def wet_bulb(kernels: DropletKernels, *, gas_K: float, pressure_Pa: float) -> Floats:

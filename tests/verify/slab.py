@@ -115,6 +115,18 @@ def disort(
     return answers[0], answers[1]
 
 
+def half_space_emission(albedo: float) -> float:
+    """Emission along the normal of a half space that scatters evenly, sqrt(1 - a) H(1), H by
+    iteration (Chandrasekhar, Radiative Transfer, 1960, ch. 5); its reflection is the rest."""
+    x, w = np.polynomial.legendre.leggauss(64)
+    mu, w, root = (x + 1) / 2, w / 2, np.sqrt(1 - albedo)
+    h = np.ones(64)
+    for _ in range(5000):
+        inner = ((w * mu * h) / (mu[:, None] + mu)).sum(axis=1)
+        h = (h + 1 / (root + albedo / 2 * inner)) / 2
+    return float(root / (root + albedo / 2 * np.sum(w * mu * h / (1 + mu))))
+
+
 def mean_radiance(
     depth: float, albedo: float, at: NDArray[np.float64], *, streams: int = 32
 ) -> NDArray[np.float64]:

@@ -15,14 +15,10 @@ from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.trace import Trace
 from cldit.transport.tuning import Tuning
 
-EDGE = 0.04
-CELL = EDGE / 16
-PHASE = {"henyey_greenstein": 0.6}
-SCENE: dict[str, Any] = {
-    "size_m": (6 * CELL, 4 * CELL, 6 * CELL),
-    "domain": {"edge_m": EDGE, "leaf_edge_m": 1.01 * CELL},
-    "background": {"radius_m": 0.03, "temperatures_K": [400.0, 500.0]},
-}
+from .test_thick import CELL, PHASE
+from .test_thick import SCENE as WIDE
+
+SCENE: dict[str, Any] = {name: part for name, part in WIDE.items() if name != "camera"}
 # From a cell of optical depth 0.1 to one of 2, across the picture.
 DEPTH = np.geomspace(0.1, 2.0, 6)[:, None, None] * np.ones((6, 4, 6)) / CELL
 BLOCK = {

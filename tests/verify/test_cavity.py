@@ -40,7 +40,7 @@ def cavity(
 
 
 @pytest.mark.parametrize("albedo", [0.0, 0.5, 0.999])
-@pytest.mark.parametrize("depth", [1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0])
+@pytest.mark.parametrize("depth", [1e-6, 0.1, 10.0, 100.0])
 def test_flat(run_block: Callable[..., Run], depth: float, albedo: float) -> None:
     assert closure(cavity(run_block, depth=depth, albedo=albedo, vapour=0.3)) < 3e-5
 

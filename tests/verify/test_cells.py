@@ -9,6 +9,7 @@ import numpy as np
 
 import cldit
 from cldit.gpu.device import Device
+from tests.verify.blocks import grid_scene
 
 VOXEL_m = 3e-3
 SHAPE = (20, 17, 13)  # no edge is a multiple of a brick's
@@ -18,28 +19,22 @@ def picture(folder: Path, device: Device, **domain: Any) -> cldit.Run:
     """Voxels of depth 0.02 to 0.5, the background right behind the last of them."""
     rng = np.random.default_rng(7)
     extinction, albedo = rng.uniform(0.02, 0.5, SHAPE) / VOXEL_m, rng.uniform(0.3, 0.95, SHAPE)
-    file = folder / "grid.npz"
-    np.savez(
-        file,
-        origin_m=-np.array(SHAPE) * VOXEL_m / 2,
-        spacing_m=np.full(3, VOXEL_m),
-        droplet_scattering_per_m=extinction * albedo,
-        droplet_absorption_per_m=extinction * (1 - albedo),
-        droplet_temperature_K=np.full(SHAPE, 440.0),
-    )
-    scene = {
-        "name": "grid",
-        "spray": {"model": "grid", "file": str(file)},
-        "domain": {"edge_m": 32 * VOXEL_m, **domain},
-        "camera": {"pixels": [40, 40], "field_m": [0.07, 0.07], "target_m": [0.0, 0.0, 0.0]},
-        "background": {
-            "radius_m": 0.06,
-            "centre_m": [0.0, SHAPE[1] * VOXEL_m / 2, 0.0],
-            "temperatures_K": [420.0, 480.0],
-        },
-        "walls": {"temperature_K": 430.0},
-        "transport": {"phase": "isotropic", "accuracy_K": 0.2, "audit": False},
+    arrays = {
+        "droplet_scattering_per_m": extinction * albedo,
+        "droplet_absorption_per_m": extinction * (1 - albedo),
+        "droplet_temperature_K": 440.0,
     }
+    behind = {"radius_m": 0.06, "centre_m": [0.0, SHAPE[1] * VOXEL_m / 2, 0.0]}
+    scene = grid_scene(
+        folder,
+        arrays,
+        size_m=[VOXEL_m * count for count in SHAPE],
+        domain={"edge_m": 32 * VOXEL_m, **domain},
+        camera={"pixels": [40, 40], "field_m": [0.07, 0.07], "target_m": [0.0, 0.0, 0.0]},
+        background={**behind, "temperatures_K": [420.0, 480.0]},
+        walls={"temperature_K": 430.0},
+        transport={"phase": "isotropic", "accuracy_K": 0.2, "audit": False},
+    )
     return cldit.simulate(cldit.Scene.from_dict(scene), device=device)
 
 

@@ -56,10 +56,9 @@ def test_a_run_explains_its_own_recording(gdi: Run) -> None:
     ("values", "parts"),
     [
         ({"transport.order": 1}, {"plumes"}),
-        ({"spray.injected_mass_kg": 11e-6}, {"tips"}),
         ({"spray.fuel_temperature_K": 380.0}, {"plumes", "tips"}),
     ],
-    ids=["order 1", "mass + 10 %", "fuel + 10 K"],
+    ids=["order 1", "fuel + 10 K"],
 )
 def test_another_model_is_named(
     fine: Run, device: Device, tmp_path: Path, values: dict[str, Any], parts: set[str]
@@ -72,13 +71,11 @@ def test_another_model_is_named(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("exposure_s", "named"), [(25e-6, False), (100e-6, True)])
 def test_exposure_missing_in_the_model_is_named_if_long(
-    fine: Run, device: Device, tmp_path: Path, exposure_s: float, named: bool
+    fine: Run, device: Device, tmp_path: Path
 ) -> None:
-    """T_app changes by 0.1 and by 1.9 K: less, and more than the errors."""
-    values = {"camera.exposure": "times", "camera.sensor.integration_time_s": exposure_s}
+    """100 us change T_app by 1.9 K, more than its error; 25 us by 0.1 K, less."""
+    values = {"camera.exposure": "times", "camera.sensor.integration_time_s": 100e-6}
     exposed = simulate(fine.scene.with_(**values), tmp_path / "one", device=device)
     found = difference(recording(exposed, seed=1), open_shown(fine))
-    assert found.within is not named
-    assert ("tips" in found.where) is named
+    assert not found.within and "tips" in found.where

@@ -15,6 +15,7 @@ import pytest
 import cldit
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
+from tests.verify.blocks import grid_scene
 
 EDGE_M = 0.1
 BEHIND = 3.0  # optical depth of the hot gas
@@ -23,27 +24,24 @@ BEHIND = 3.0  # optical depth of the hot gas
 def scene(folder: Path, *, cold_K: float, hot_K: float, depth: float, **transport: Any) -> Any:
     """A layer of droplets, of this depth, in front of one of gas, both two voxels of a grid."""
     layer = np.broadcast_to(np.arange(4)[None, :, None] < 2, (4, 4, 4))
-    np.savez(
-        folder / "layers.npz",
-        origin_m=np.full(3, -EDGE_M / 2),
-        spacing_m=np.full(3, EDGE_M / 4),
-        droplet_absorption_per_m=np.where(layer, depth, 0.0) / (EDGE_M / 2),
-        droplet_scattering_per_m=np.zeros(layer.shape),
-        droplet_temperature_K=np.full(layer.shape, cold_K),
-        vapour_absorption_per_m=np.where(layer, 0.0, BEHIND) / (EDGE_M / 2),
-        vapour_temperature_K=np.full(layer.shape, hot_K),
+    arrays = {
+        "droplet_absorption_per_m": np.where(layer, depth, 0.0) / (EDGE_M / 2),
+        "droplet_scattering_per_m": 0.0,
+        "droplet_temperature_K": cold_K,
+        "vapour_absorption_per_m": np.where(layer, 0.0, BEHIND) / (EDGE_M / 2),
+        "vapour_temperature_K": hot_K,
+    }
+    data = grid_scene(
+        folder,
+        arrays,
+        size_m=(EDGE_M,) * 3,
+        camera={"model": "orthographic", "pixels": [4, 4], "field_m": [0.05, 0.05]},
+        background={"radius_m": 0.09, "temperatures_K": [350.0, 450.0]},
+        walls={"temperature_K": 300.0},
+        domain={"edge_m": 0.2},
+        transport=transport,
     )
-    return cldit.Scene.from_dict(
-        {
-            "name": "layers",
-            "spray": {"model": "grid", "file": str(folder / "layers.npz")},
-            "camera": {"model": "orthographic", "pixels": [4, 4], "field_m": [0.05, 0.05]},
-            "background": {"radius_m": 0.09, "temperatures_K": [350.0, 450.0]},
-            "walls": {"temperature_K": 300.0},
-            "domain": {"edge_m": 0.2},
-            "transport": transport,
-        }
-    )
+    return cldit.Scene.from_dict(data)
 
 
 @pytest.mark.parametrize(

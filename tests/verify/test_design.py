@@ -40,8 +40,6 @@ from cldit.rig.load import open_rig
 from cldit.rig.protocols import Stability
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene
-from cldit.show.figures.curves import design_figure
-from cldit.show.figures.style import png_of
 from tests.conftest import tiny_weights
 from tests.small_scenes import WHOLE
 
@@ -222,14 +220,6 @@ def test_black_body_takes_the_shorter_way() -> None:
     expected = held + 120.0 * sum(math.log(step / 0.2) for step in (20.0, 40.0, 40.0))
     assert down == pytest.approx(expected)
     assert replace(body, time_constant_s=0.0).time_s((400.0, 440.0, 480.0)) == held
-
-
-def test_picture() -> None:
-    subject = _subject(_scene())
-    goal = Goal(error_K=2.0)
-    found = designs(subject, BLACKBODY, goal, shot_s=1.0, counts=(3,))
-    line = (found[0], np.array([600.0, 6000.0]), np.array([4.0, 1.0]))
-    assert png_of(design_figure([line], found[0], goal, title="$x")).startswith(b"\x89PNG")
 
 
 @pytest.mark.slow

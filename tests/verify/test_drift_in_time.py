@@ -15,7 +15,7 @@ import pytest
 
 from cldit.dit.recorded import Evaluation, evaluate_shots
 from tests.laboratory import Drifts, Laboratory, laboratory
-from tests.verify.test_drift import mean_squares
+from tests.verify.test_drift import chi2, mean_squares
 
 SHOTS = 16
 HOURS_s = 30_000.0
@@ -28,12 +28,6 @@ ACCEPT = (
 
 def _evaluated(made: Laboratory) -> Evaluation:
     return evaluate_shots(made.recorded, accept=ACCEPT)
-
-
-def _chi2(made: list[Laboratory]) -> tuple[float, float]:
-    """Of T_app and of the emissivity, means over the bands."""
-    total = np.mean([mean_squares(_evaluated(one), one) for one in made], axis=0)
-    return float(np.mean(total[:, 0] / total[:, 1])), float(np.mean(total[:, 2] / total[:, 3]))
 
 
 def _waiting(seed: int, drifts: Drifts, *, timed: bool) -> Laboratory:
@@ -52,14 +46,9 @@ def _waiting(seed: int, drifts: Drifts, *, timed: bool) -> Laboratory:
 DRIFTS = [
     Drifts(),
     Drifts(offset_counts=0.02),  # hardly seen before one background, and 7 counts in all
-    Drifts(offset_counts=0.5),
     Drifts(offset_counts=1.0),
     Drifts(blackbody_K=0.1),
-    Drifts(offset_counts=1.0, blackbody_K=0.1),
-    Drifts(gain=0.0003),
     Drifts(gain=-0.0001),
-    Drifts(gain=0.0003, blackbody_K=0.1),
-    Drifts(gain=0.0003, offset_counts=0.5),
     Drifts(gain=0.0003, offset_counts=0.5, blackbody_K=0.1),
 ]
 
@@ -67,7 +56,9 @@ DRIFTS = [
 @pytest.mark.slow
 @pytest.mark.parametrize("drifts", DRIFTS)
 def test_errors_with_waits(drifts: Drifts) -> None:
-    kelvin, emissivity = _chi2([_waiting(seed, drifts, timed=True) for seed in range(500, 512)])
+    """Each drift alone, hardly seen and clear, and all three together."""
+    waiting = [_waiting(seed, drifts, timed=True) for seed in range(500, 512)]
+    kelvin, emissivity = chi2(waiting, ACCEPT)
     assert kelvin == pytest.approx(1.0, abs=0.1)
     assert emissivity == pytest.approx(1.0, abs=0.1)
 
@@ -78,9 +69,9 @@ def test_time_tells_what_the_number_of_the_shot_does_not() -> None:
     timed, untimed = (
         [_waiting(seed, drifts, timed=one) for seed in (500, 501)] for one in (True, False)
     )
-    kelvin, emissivity = _chi2(timed)
+    kelvin, emissivity = chi2(timed, ACCEPT)
     assert kelvin == pytest.approx(1.0, abs=0.25) and emissivity < 1.5
-    assert max(_chi2(untimed)) > 3.0
+    assert max(chi2(untimed, ACCEPT)) > 3.0
     assert "drift fitted against time; median shot interval 2 s" in _evaluated(timed[0]).drift_axis
     assert "no shot has a time" in _evaluated(untimed[0]).drift_axis
 
@@ -107,14 +98,14 @@ def _broken(seed: int, drifts: Drifts, *, after: int, counts: float) -> Laborato
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("offset_counts", [0.0, 1.0])
-@pytest.mark.parametrize("after", [2 * SHOTS, 4 * SHOTS])
+@pytest.mark.parametrize(
+    ("after", "offset_counts"), [(2 * SHOTS, 1.0), (4 * SHOTS, 0.0), (4 * SHOTS, 1.0)]
+)
 def test_a_drift_starts_anew_after_a_break(after: int, offset_counts: float) -> None:
     """Beyond one background, and between two and two."""
     drifts = Drifts(offset_counts=offset_counts)
-    kelvin, emissivity = _chi2(
-        [_broken(100 + seed, drifts, after=after, counts=40.0) for seed in range(500, 512)]
-    )
+    broken = [_broken(100 + seed, drifts, after=after, counts=40.0) for seed in range(500, 512)]
+    kelvin, emissivity = chi2(broken, ACCEPT)
     assert kelvin == pytest.approx(1.0, abs=0.1)
     assert emissivity == pytest.approx(1.0, abs=0.1)
 
@@ -125,7 +116,7 @@ def test_a_break_within_a_background() -> None:
     12 seeds tell it to 3 %; the line over a pixel's shots leaves a part of the step as scatter."""
     drifts = Drifts(offset_counts=1.0)
     made = [_broken(100 + seed, drifts, after=45, counts=40.0) for seed in range(500, 512)]
-    assert _chi2(made)[0] == pytest.approx(1.0, abs=0.15)
+    assert chi2(made, ACCEPT)[0] == pytest.approx(1.0, abs=0.15)
 
 
 def test_a_break_is_said_and_an_offset_after_it_is_no_other_cause() -> None:

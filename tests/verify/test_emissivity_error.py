@@ -19,6 +19,7 @@ from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
 from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene, parse_scene
+from tests.verify.blocks import grid_scene
 
 Floats = NDArray[np.float64]
 VOXELS, PIXELS, FIELD_m, EDGE_m = 96, 24, 0.1, 0.096
@@ -44,23 +45,20 @@ def sheet(medium: Any, folder: Path) -> tuple[dict[str, Any], Floats, Floats]:
     place = (np.arange(VOXELS) + 0.5) / VOXELS - 0.5
     depth = depth * (np.hypot(place[:, None], place) < 0.45)
     pitch_m = EDGE_m / VOXELS
-    np.savez(
-        folder / "sheet.npz",
-        origin_m=np.array([-EDGE_m / 2, -pitch_m / 2, -EDGE_m / 2]),
-        spacing_m=np.full(3, pitch_m),
-        droplet_absorption_per_m=depth[:, None] / pitch_m,
-        droplet_scattering_per_m=np.zeros((VOXELS, 1, VOXELS)),
-        droplet_temperature_K=kelvin[:, None],
-    )
     camera = {"pixels": [PIXELS, PIXELS], "field_m": [FIELD_m, FIELD_m], "target_m": [0, 0, 0]}
-    data = {
-        "name": "sheet",
-        "spray": {"model": "grid", "file": str(folder / "sheet.npz")},
-        "camera": {**camera, "model": "orthographic"},
-        "background": {"radius_m": 0.09, "temperatures_K": [413.0, 533.0]},
-        "walls": {"temperature_K": 450.0},
-        "domain": {"edge_m": 0.2},
-    }
+    data = grid_scene(
+        folder,
+        {
+            "droplet_absorption_per_m": depth[:, None] / pitch_m,
+            "droplet_scattering_per_m": 0.0,
+            "droplet_temperature_K": kelvin[:, None],
+        },
+        size_m=(EDGE_m, pitch_m, EDGE_m),
+        camera={**camera, "model": "orthographic"},
+        background={"radius_m": 0.09, "temperatures_K": [413.0, 533.0]},
+        walls={"temperature_K": 450.0},
+        domain={"edge_m": 0.2},
+    )
     return data, depth, kelvin
 
 

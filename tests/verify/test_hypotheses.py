@@ -138,7 +138,7 @@ def _best(text: str) -> str:
     return re.sub(r"; within chance: [^\n]*", "", text)
 
 
-@pytest.mark.parametrize("seed", [31, *(pytest.param(n, marks=pytest.mark.slow) for n in (32, 33))])
+@pytest.mark.parametrize("seed", [31, pytest.param(32, marks=pytest.mark.slow)])
 def test_nine_of_ten_faults_are_named(seed: int) -> None:
     missed = {
         name: text

@@ -89,12 +89,12 @@ def made(seed: int, *, backgrounds: int = 4, shape: tuple[int, int] | None = Non
 @pytest.mark.parametrize(
     ("shape", "backgrounds"), [((24, 32), 4), ((64, 12), 4), ((10, 80), 4), (None, 7), (None, 2)]
 )
-@pytest.mark.parametrize("seeds", [5, pytest.param(25, marks=pytest.mark.slow)])
 def test_coarse_and_narrow_images_are_no_alarm(
-    shape: tuple[int, int] | None, backgrounds: int, seeds: int
+    shape: tuple[int, int] | None, backgrounds: int
 ) -> None:
-    """The spray is only some pixels wide; a pattern of pixels is not."""
-    for seed in range(1000, 1000 + seeds):
+    """The spray is only some pixels wide; a pattern of pixels is not. How often there is a false
+    alarm is told by the hundred images below."""
+    for seed in range(1000, 1005):
         found = evaluate_shots(made(seed, backgrounds=backgrounds, shape=shape).recorded)
         assert not [one.text for one in found.witnesses if one.stands_out] and not found.remarks
 

@@ -12,6 +12,7 @@ from cldit.bench.case import BenchError
 from cldit.gpu.device import Device
 from tests.bench.case import Case
 from tests.bench.error import path_settings
+from tests.verify.blocks import grid_scene
 from tests.verify.mitsuba_stage import Stage, mitsuba, row_lattice
 
 EDGE = 0.2
@@ -26,25 +27,20 @@ def test_weights_are_mitsubas(device: Device, tmp_path: Path) -> None:
     The block fills the picture, and its faces are those of cells, so that no pixel mixes.
     """
     pytest.importorskip("mitsuba", reason="Mitsuba 3 is not installed: cldit[peers]")
-    file = tmp_path / "block.npz"
     per_m = 1.2 / (EDGE / 4)
-    np.savez(
-        file,
-        origin_m=[-EDGE / 8] * 3,
-        spacing_m=[EDGE / 4] * 3,
-        droplet_absorption_per_m=np.full((1, 1, 1), 0.3 * per_m),
-        droplet_scattering_per_m=np.full((1, 1, 1), 0.7 * per_m),
-        droplet_temperature_K=np.full((1, 1, 1), 400.0),
-    )
-    scene = cldit.Scene.from_dict(
+    data = grid_scene(
+        tmp_path,
         {
-            "name": "block",
-            "spray": {"model": "grid", "file": str(file)},
-            "domain": {"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 32},
-            "camera": {"pixels": [12, 12], "field_m": [0.04, 0.04]},
-            "background": {"radius_m": 0.06, "temperatures_K": [400.0, 500.0]},
-        }
+            "droplet_absorption_per_m": 0.3 * per_m,
+            "droplet_scattering_per_m": 0.7 * per_m,
+            "droplet_temperature_K": 400.0,
+        },
+        size_m=(EDGE / 4,) * 3,
+        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 32},
+        camera={"pixels": [12, 12], "field_m": [0.04, 0.04]},
+        background={"radius_m": 0.06, "temperatures_K": [400.0, 500.0]},
     )
+    scene = cldit.Scene.from_dict(data)
     case = Case.of(scene, device, cache=tmp_path)
     lattice = row_lattice(case, ROWS)
     _, lines = lattice.numbers(scene)

@@ -20,9 +20,9 @@ from cldit.gpu.device import Device
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.run import Run, open_run
-
-EDGE = 0.2
-T = 450.0
+from tests.verify.cavity import EDGE_M as EDGE
+from tests.verify.cavity import T_K as T
+from tests.verify.cavity import cavity, departure
 
 
 def window(name: str = "window", **changes: Any) -> dict[str, Any]:
@@ -44,32 +44,15 @@ def block(
     depth: float = 0.5,
     **scene: Any,
 ) -> Run:
-    per_m = depth / (EDGE / 16)
-    return run_block(
-        {
-            "vapour_absorption_per_m": 0.1 * per_m,
-            "droplet_absorption_per_m": 0.2 * per_m,
-            "droplet_scattering_per_m": 0.7 * per_m,
-            "vapour_temperature_K": T,
-            "droplet_temperature_K": T,
-        },
-        size_m=(EDGE / 2,) * 3,
-        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / 16},
-        walls={"temperature_K": T},
-        patches=patches,
-        **{
-            "camera": {"pixels": 13, "field_m": [0.15, 0.15]},
-            "background": {"temperatures_K": [T, T + 20], "radius_m": 0.03},
-            **scene,
-        },
-    )
-
-
-def total(run: Run) -> np.ndarray:
-    radiance = float(band_radiance(T, filter_um=scene_filter(run.scene)))
-    w = run.weights
-    emitted = (w.vapour.astype(float) + w.liquid) / radiance
-    return np.asarray(emitted + w.background + w.wall + sum(w.patches.values()))
+    """In a cavity at one temperature, with a disc behind it."""
+    usual = {
+        "camera": {"pixels": 13, "field_m": [0.15, 0.15]},
+        "background": {"temperatures_K": [T, T + 20], "radius_m": 0.03},
+    }
+    return cavity(
+        run_block, depth=depth, albedo=0.7, vapour=0.1, droplets=0.2, size_m=(EDGE / 2,) * 3,
+        patches=patches, **{**usual, **scene},
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -96,7 +79,7 @@ def test_a_window_takes_its_share_from_the_walls(
     left, right = w.patches["other"][:, :6].mean(), w.patches["window"][:, -6:].mean()
     assert left == pytest.approx(right, rel=0.1)
     assert left > 1.5 * w.patches["other"][:, -6:].mean()
-    np.testing.assert_allclose(total(run), 1.0, atol=1e-5)
+    np.testing.assert_allclose(departure(run), 0.0, atol=1e-5)
     assert run.info.defines["sweep.cl"]["N_PATCHES"] == 2
     assert "N_PATCHES" not in plain.info.defines["sweep.cl"]
 
@@ -126,7 +109,7 @@ def test_thick_cells_see_the_patches(run_block: Callable[..., Run]) -> None:
     gathered = block(run_block, patches, depth=0.7, transport={"directions": 96})
     truth = block(run_block, patches, depth=0.7, transport={"method": "path", "max_samples": 1024})
     assert gathered.info.counts["samples"] >= 64
-    np.testing.assert_allclose(total(gathered), 1.0, atol=2e-5)
+    np.testing.assert_allclose(departure(gathered), 0.0, atol=2e-5)
     for name, image in gathered.weights.patches.items():
         assert image.mean() == pytest.approx(truth.weights.patches[name].mean(), rel=0.2)
 

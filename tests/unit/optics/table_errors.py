@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from cldit.optics import mie
 from cldit.optics.droplets import (
-    AVERAGED,
     DropletTable,
     TableError,
     droplet_table,
@@ -65,43 +63,6 @@ def _from_miepython(*, n: float, k: float) -> float:
     return float(
         max(np.max(np.abs(extinction / q_ext - 1)), np.max(np.abs(ours.scattering / q_sca - 1)))
     )
-
-
-@dataclass(frozen=True)
-class SolverCheck:
-    """Mie's series by cldit and by miepython, at the sizes that make one entry of a table.
-
-    own, other: relative error of the mean Q_abs over 1 % of the diameter, against samples that
-    resolve every resonance (two to the half width k / n). own_s, other_s: CPU seconds.
-    """
-
-    k: float
-    own: float
-    other: float
-    own_s: float
-    other_s: float
-
-
-def compare_solvers(*, n: float, k: float, x: float = 45.0, spacing: float = 4.1e-5) -> SolverCheck:
-    """Compares both at the samples of a table at small k: around x, `spacing` apart in ln x."""
-
-    def samples(apart: float) -> tuple[Floats, Floats]:
-        reach = int(AVERAGED / apart)
-        offsets = apart * np.arange(-reach, reach + 1)
-        weight = 1.0 - np.abs(offsets) / AVERAGED
-        return x * np.exp(offsets), weight / weight.sum()
-
-    resolved_at, weight = samples(0.5 * k / n)
-    exact = weight @ mie.efficiencies(n=n, k=k, x=resolved_at).absorption
-    sizes, weight = samples(spacing)
-    start = time.process_time()
-    own = weight @ mie.efficiencies(n=n, k=k, x=sizes, spacing=spacing).absorption
-    middle = time.process_time()
-    q_ext, q_sca, _, _ = miepython.efficiencies_mx(complex(n, -k), sizes)
-    own_s, other_s = middle - start, time.process_time() - middle
-    other = weight @ (q_ext - q_sca)
-    mine, theirs = (abs(float(each / exact) - 1.0) for each in (own, other))
-    return SolverCheck(k, mine, theirs, own_s, other_s)
 
 
 def _narrow(table: DropletTable, middle_m: float) -> float:
