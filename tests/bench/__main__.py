@@ -25,6 +25,7 @@ MEASUREMENTS = (
     "licences",
     "mutations",
     "models_small",
+    "named_changes",
     "proof",
     "rig",
     "scene_reference",

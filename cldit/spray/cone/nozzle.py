@@ -52,8 +52,8 @@ def flow_coefficient(
     coefficient = rate_kg_s / (holes * flux_kg_m2_s)
     if coefficient > 1:
         raise SprayError(
-            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times the "
-            f"flow that the pressure drives through {len(spec.plumes)} holes of "
+            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times what "
+            f"the pressure drives through {len(spec.plumes)} holes of "
             f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
         )
     return float(coefficient)

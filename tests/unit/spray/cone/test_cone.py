@@ -371,7 +371,7 @@ def test_first_microseconds_and_many_plumes() -> None:
     ("changes", "message"),
     [
         ({"injection_pressure_Pa": 0.5e6}, r"injection_pressure_Pa: 500000 is not above"),
-        ({"injected_mass_kg": 1e-3}, r"injected_mass_kg: 0.001 in .* at most 3\.\d+e-05"),
+        ({"injected_mass_kg": 1e-3}, r"injected_mass_kg: 0.001 is .* at most 3\.\d+e-05"),
         ({"spacing_m": 1e-2, "time_s": 1e-4}, r"spacing_m: 0.01 does not suit .* allowed: "),
         ({"spacing_m": 1e-5}, r"spacing_m: 1e-05 does not suit"),
         (
