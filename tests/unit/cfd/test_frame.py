@@ -196,14 +196,6 @@ def test_from_the_parcels(tmp_path: Path, tilt_deg: float, age: bool) -> None:
     assert spray.notes["liquid_penetration_95_m"] == pytest.approx(0.95 * 3.2e-3, rel=0.05)
 
 
-def test_tilted_axis_keeps_the_mass(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
-    foam.write(tmp_path, block, gas=gas, cloud=cloud)
-    spray = read(tmp_path, nozzle_m=(0, 9e-3, 0), axis=(1.0, -2.0, 0.5))
-    mass = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
-    assert spray.notes["vapour_mass_kg"] == pytest.approx(mass, rel=1e-11)
-
-
 def test_what_cannot_be_inferred(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path / "gas", block, gas=gas)

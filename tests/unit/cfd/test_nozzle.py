@@ -52,12 +52,6 @@ def test_after_the_end_of_injection(youngest_s: float) -> None:
         assert np.linalg.norm(found - NOZZLE) < max(error, 1e-3)
 
 
-def test_few_parcels_have_a_large_error() -> None:
-    position, velocity, age = slowed(5, 1)
-    found, error = extrapolated(position, velocity, age, AXIS)
-    assert np.linalg.norm(found - NOZZLE) < error
-
-
 @pytest.mark.parametrize(
     ("nozzle", "hint"),
     [

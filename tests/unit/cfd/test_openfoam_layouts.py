@@ -6,7 +6,6 @@ import gzip
 import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +16,6 @@ from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-
-
-def sample(folder: Path, **keys: Any) -> Path:
-    block, gas, cloud = foam.sample()
-    return foam.write(folder, block, gas=gas, cloud=cloud, **keys)
 
 
 def region(case: Path, name: str, time: str = "0.001") -> None:
@@ -35,8 +29,8 @@ def region(case: Path, name: str, time: str = "0.001") -> None:
 
 
 def test_regions(tmp_path: Path) -> None:
-    expected = notes_of(sample(tmp_path / "plain"))
-    case = sample(tmp_path / "case")
+    expected = notes_of(foam.case(tmp_path / "plain"))
+    case = foam.case(tmp_path / "case")
     (case / "case.foam").touch()
     region(case, "gas")
     spray = read(case / "case.foam")
@@ -65,7 +59,7 @@ def test_regions(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("time", ["-12.5", "-3e-05", "345", "1e-3", "0"])
 def test_any_number_is_a_time(tmp_path: Path, time: str) -> None:
-    case = sample(tmp_path, time=time)
+    case = foam.case(tmp_path, time=time)
     assert notes_of(case)["time_s"] == float(time)
     assert notes_of(case, time_s=float(time))["time_s"] == float(time)
     assert notes_of(case, time_s="latest")["time_s"] == float(time)
@@ -76,14 +70,14 @@ def test_any_number_is_a_time(tmp_path: Path, time: str) -> None:
 
 
 def test_two_claims(tmp_path: Path) -> None:
-    case = sample(tmp_path / "case")
+    case = foam.case(tmp_path / "case")
     (case / "0.001" / "T.gz").write_bytes(gzip.compress((case / "0.001" / "T").read_bytes()))
     refused(case, r"2 claim to be .*001/T: .*001/T, .*T\.gz")
     (case / "0.001" / "T.gz").unlink()
     shutil.copytree(case / "0.001", case / "1e-3")
     refused(case, r"2 claim to be time 0\.001: .*0\.001, .*1e-3")
     shutil.rmtree(case / "1e-3")
-    sample(case / "processor0")
+    foam.case(case / "processor0")
     for root, age in ((case, 0), (case / "processor0", 100)):
         for file in (root / "0.001").iterdir():
             os.utime(file, (1e9 - age, 1e9 - age))
@@ -94,9 +88,9 @@ def test_two_claims(tmp_path: Path) -> None:
 
 
 def test_processor_without_cells(tmp_path: Path) -> None:
-    expected = notes_of(sample(tmp_path / "plain"))
+    expected = notes_of(foam.case(tmp_path / "plain"))
     case = tmp_path / "case"
-    sample(case / "processor0")
+    foam.case(case / "processor0")
     form, empty = foam.form(), case / "processor1" / "constant" / "polyMesh"
     for name, kind in (
         ("points", "vectorField"),
@@ -113,7 +107,7 @@ def test_processor_without_cells(tmp_path: Path) -> None:
 
 def test_parcels_in_another_place(tmp_path: Path) -> None:
     """The Lagrangian library of OpenFOAM 13 has folders of its own."""
-    case = sample(tmp_path)
+    case = foam.case(tmp_path)
     old = case / "0.001" / "lagrangian"
     for new in ("Lagrangian/cloud", "cloud"):
         (case / "0.001" / new).parent.mkdir(exist_ok=True)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.cfd.names import molar_mass_kg_mol, similar
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_converge
 from tests.unit.cfd.reading import read
@@ -59,29 +58,6 @@ def test_another_fuel_has_its_own_molar_mass(tmp_path: Path) -> None:
     said = told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.1)
     assert "Molar mass of C8H18: 0.1 kg/mol, as given; by its formula it is 0.1142" in said
     assert "Molar mass" not in told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.11423)
-
-
-@pytest.mark.parametrize(
-    ("name", "kg_mol"),
-    [
-        ("C7H16", 0.100205),
-        ("NC7H16", 0.100205),
-        ("MASSFRAC_IC8H18", 0.114232),
-        ("Y_C2H5OH", 0.046069),
-        ("fuel", None),
-        ("OH", None),
-        ("T", None),
-    ],
-)
-def test_molar_mass_of_a_formula(name: str, kg_mol: float | None) -> None:
-    assert molar_mass_kg_mol(name) == (None if kg_mol is None else pytest.approx(kg_mol, rel=1e-4))
-
-
-def test_similar_names() -> None:
-    assert similar("rho", ["U", "rhoMean", "T", "p", "RHO"]) == ["RHO", "rhoMean"]
-    for name in ("Rho", "rhoo", "rho_", "rhO"):
-        assert similar("rho", ["U", name, "T"]) == [name]
-    assert similar("rho", ["U", "T", "alphat"]) == []
 
 
 def test_two_names_of_one_quantity(tmp_path: Path) -> None:

@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
 from cldit.cfd import size
 from cldit.cfd.importing import imported
-from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.composites import write_format
@@ -85,21 +83,3 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
     assert "GB of memory; 0.1 GB are free" in text
     assert "export only the region" in text
     assert told == []
-
-
-def test_who_does_not_know_what_is_free_refuses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    large = size.Size(10**9, 0, 1e12)
-    monkeypatch.setattr(size, "free_bytes", lambda: None)
-    size.check_room(Path("case"), large)
-    monkeypatch.setattr(size, "free_bytes", lambda: 10**14)
-    size.check_room(Path("case"), large)
-
-
-def test_command_shows_the_refusal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    spec = written("openfoam", tmp_path / "case")
-    monkeypatch.setattr(size, "free_bytes", lambda: 1)
-    out = tmp_path / "spray.npz"
-    result = CliRunner().invoke(main, ["import", str(spec.file), "--out", str(out)])
-    assert result.exit_code == 1
-    assert "larger machine" in result.output + result.stderr
-    assert not out.exists()

@@ -12,7 +12,6 @@ from cldit.cfd.mapping.file import read_column_map
 from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
-from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import WRITERS
@@ -123,12 +122,6 @@ def test_components_in_brackets_are_no_unit(tmp_path: Path) -> None:
     assert cloud is not None
     assert cloud.fields["U"].values.tolist() == [[0.0, -20.0, 1.0]]
     assert cloud.position_m.values[0] == pytest.approx([1e-4, 2e-4, 0.0])
-
-
-def test_own_file_needs_none(tmp_path: Path) -> None:
-    (tmp_path / "a.npz").write_bytes(b"PK")
-    with pytest.raises(SprayError, match="needs no mapping"):
-        write_mapping(CfdSpray(file=tmp_path / "a.npz"), tmp_path / "m.yaml")
 
 
 @pytest.mark.parametrize("name", ["C7H16.Mass Fraction", "Mole Fraction of C7H16", "molef-c7h16"])
