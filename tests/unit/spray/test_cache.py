@@ -80,11 +80,6 @@ def test_what_fails_is_not_kept(tmp_path: Path) -> None:
     assert not list((tmp_path / "sprays").glob("*.npz"))
 
 
-def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    assert cached_spray(LagrangianSpray(), tmp_path / "file", maker([])).parcels is not None
-
-
 def test_times_of_a_series_are_made_together(tmp_path: Path) -> None:
     made: list[tuple[float, ...]] = []
     specs = [LagrangianSpray(time_s=time_s) for time_s in (3e-4, 1e-4, 2e-4)]

@@ -11,7 +11,7 @@ from cldit.gpu.device import Device
 from cldit.scene import load_scene
 from cldit.scene.spray import ConeSpray, Plume
 from cldit.spray.cone import plume_cells as cone
-from cldit.spray.cone.plume_cells import NEGLIGIBLE, plume_cells, thinnest
+from cldit.spray.cone.plume_cells import NEGLIGIBLE, plume_cells
 from tests.cones import cone_spray
 
 
@@ -60,16 +60,6 @@ def test_cells_near_the_nozzle_have_the_mass_of_finer_ones(device: Device) -> No
     coarse, fine = sums
     pairs = np.array([(coarse.get(at, 0.0), fine.get(at, 0.0)) for at in {*coarse, *fine}])
     assert np.std(pairs[:, 0] - pairs[:, 1]) < 0.06 * np.sqrt(np.mean(pairs[:, 1] ** 2))
-
-
-@pytest.mark.parametrize("most", [0.0, 1e-9, 1e-3, 0.3, 1.0])
-def test_the_thinnest_are_those_of_a_whole_sort(most: float) -> None:
-    amount = np.random.default_rng(5).lognormal(sigma=4.0, size=5000)
-    order = np.argsort(amount, kind="stable")
-    bound = most * amount.sum()
-    expected = order[np.cumsum(amount[order]) <= bound]
-    np.testing.assert_array_equal(thinnest(amount, bound), expected)
-    assert len(thinnest(np.zeros(3), 0.0)) == 3
 
 
 def test_liquid_depth_is_that_of_the_parcels() -> None:

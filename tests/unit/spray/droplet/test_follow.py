@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
-from cldit.spray.droplet.follow import COLUMNS, follow
+from cldit.spray.droplet.follow import follow
 
 PAPER: dict[str, Any] = {
     "fuel": "n-heptane",
@@ -92,9 +92,3 @@ def test_a_droplet_that_stays_needs_a_duration(device: Device, cache: Path) -> N
     life = follow(**saturated, duration_s=1e-3, points=11, device=device, cache=cache)
     assert life.time_s[-1] == 1e-3 and not life.vanished
     assert life.mass_kg[-1] > life.mass_kg[0]  # 0.9 is above saturation: it condenses
-
-
-def test_columns_have_one_length(device: Device, cache: Path) -> None:
-    life = follow(**PAPER, points=5, device=device, cache=cache)
-    assert {getattr(life, name).shape for name in COLUMNS} == {(5,)}
-    assert len(life.csv().splitlines()) == 6
