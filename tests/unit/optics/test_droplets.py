@@ -114,12 +114,6 @@ def test_outside_is_refused(paper: DropletTable, d: float) -> None:
         paper.cross_sections(np.array([1e-6, d]))
 
 
-def test_shapes(paper: DropletTable) -> None:
-    assert paper.cross_sections(np.empty(0))[0].shape == (0,)
-    assert paper.cross_sections(9e-6)[1].shape == ()
-    assert paper.cross_sections(np.full((2, 3), 9e-6))[0].shape == (2, 3)
-
-
 @pytest.mark.parametrize(
     ("wavelength_um", "n", "k"),
     [(0.0, 1.3, 0.0), (3.4, 0.0, 0.0), (3.4, 1.3, -0.1), (float("nan"), 1.3, 0.1)],
@@ -160,12 +154,6 @@ def test_cache_gives_back_what_was_built(
         assert _same(droplet_table(**PAPER, cache=folder), paper)
         assert len(file.read_bytes()) > 1e5
     assert replace(paper, n=1.0).n == 1.0
-
-
-def test_cache_that_cannot_be_written_costs_only_time(paper: DropletTable, tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("in the way")
-    assert _same(droplet_table(**PAPER, cache=blocked), paper)
 
 
 def test_many_sizes_are_those_of_each_alone(paper: DropletTable) -> None:

@@ -15,8 +15,6 @@ from cldit.errors import SceneError
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter, Response
 from cldit.optics.spectral import Quadrature
-from cldit.optics.spectrum import _regrouped
-from cldit.optics.vapour import KDistribution, vapour_band
 from cldit.optics.wavelengths import _cuts
 from cldit.optics.windows import band_pane
 from cldit.scene.vessel import Window
@@ -107,21 +105,3 @@ def test_cuts_are_the_best() -> None:
         assert len(cuts[count]) == count and cuts[count][0] == 0
         every = [(0, *inner) for inner in combinations(range(1, 9), count - 1)]
         assert spread(tuple(cuts[count])) == pytest.approx(min(spread(c) for c in every), rel=1e-9)
-
-
-def test_regrouped_keeps_the_mean() -> None:
-    """Other weights for the same absorption: the mean stays, equal weights change nothing."""
-    given = KDistribution(np.array([0.2, 0.5, 0.3]), np.array([1.0, 2.0, 10.0]))
-    np.testing.assert_allclose(_regrouped(given, given.weights), given.absorption_m2_mol)
-    weights = np.array([0.1, 0.1, 0.4, 0.4])
-    regrouped = _regrouped(given, weights)
-    assert weights @ regrouped == pytest.approx(0.2 + 1.0 + 3.0)
-    assert np.all(np.diff(regrouped) >= 0)
-
-
-def test_methane_lines_are_not_their_mean() -> None:
-    """A k-distribution transmits far more of a thick column than its mean does (band model)."""
-    band = vapour_band("methane")
-    groups = band.k_distribution((3.3, 3.4), temperature_K=400.0, pressure_Pa=4e5, points=16)
-    mean = float(groups.weights @ groups.absorption_m2_mol)
-    assert float(groups.transmission(3.0 / mean)) > 2.0 * np.exp(-3.0)

@@ -115,11 +115,6 @@ def test_keys_that_runs_of_older_versions_store() -> None:
     assert scene == _scene(spray={"model": "lagrangian", "box": {"spacing_m": 1e-3}})
 
 
-def test_sizes_as_objects() -> None:
-    assert ConeSpray(droplets=Monodisperse(diameter_um=9.0)).droplets == Monodisperse(diameter_um=9)
-    assert ConeSpray().droplets == NukiyamaTanasawa()
-
-
 @pytest.mark.parametrize(
     ("sections", "message"),
     [

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from cldit.acquisition.journal import parse_entry
-from cldit.cli.console import ERR, OUT
 from cldit.errors import SceneError
 from cldit.scene import load_scene
 from cldit.scene.curves import check_curve
@@ -52,10 +51,3 @@ def test_curves_take_numbers_from_iterators() -> None:
 def test_times_of_a_journal_have_a_zone_and_a_century(time: str) -> None:
     line = f'{{"seq": 0, "event": "stopped", "time": "{time}"}}\n'.encode()
     assert "without a zone or of another century" in parse_entry(line, 0)[0]
-
-
-def test_names_in_messages_stay_as_they_are() -> None:
-    for console in (OUT, ERR):
-        with console.capture() as got:
-            console.print("a:x:b.yaml")
-        assert got.get() == "a:x:b.yaml\n"

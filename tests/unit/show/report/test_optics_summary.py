@@ -11,8 +11,7 @@ from cldit.cli import main
 from cldit.scene import load_scene, parse_scene
 from cldit.show.figures.optics_figures import optics_figure
 from cldit.show.figures.style import png_of
-from cldit.show.report.optics_summary import FIG4, SceneOptics, scene_optics
-from cldit.spray.sizes import mean_diameter_m
+from cldit.show.report.optics_summary import SceneOptics, scene_optics
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -20,13 +19,6 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(scope="module")
 def gdi(tables: Path) -> SceneOptics:
     return scene_optics(load_scene("gdi-cone"), cache=tables)
-
-
-def test_the_four_rows_of_the_papers_table() -> None:
-    """Fig. 4 prints two decimals."""
-    for row in FIG4:
-        assert mean_diameter_m(row.sizes, 1, 0) * 1e6 == pytest.approx(row.d10_um, abs=0.005)
-        assert mean_diameter_m(row.sizes, 3, 2) * 1e6 == pytest.approx(row.d32_um, abs=0.005)
 
 
 def test_rows(gdi: SceneOptics) -> None:
