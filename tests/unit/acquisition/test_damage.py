@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from cldit.acquisition import Plan, acquire, open_acquisition
-from cldit.acquisition.journal import read_entries
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.errors import ClditError, EvaluationError, RunFolderError
 from cldit.rig.load import open_rig
@@ -87,15 +86,6 @@ def test_too_few_are_left(folder: Path) -> None:
         path.write_bytes(b"")
     with pytest.raises(EvaluationError, match=r"(?s)b01_inj_00\.tif: .*cannot be read.*480"):
         evaluate_folder(folder)
-
-
-def test_entries_before_the_damage(folder: Path) -> None:
-    before, _, damage = read_entries(folder / "journal.jsonl")
-    assert damage is None
-    spoil(folder, b"")
-    entries, _, damage = read_entries(folder / "journal.jsonl")
-    assert damage is not None and LINES < len(entries) < len(before)
-    assert entries == before[: len(entries)]
 
 
 @pytest.mark.parametrize("mutations", [40, pytest.param(400, marks=pytest.mark.long)])

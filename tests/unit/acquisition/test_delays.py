@@ -45,20 +45,6 @@ def test_one_delay_is_the_same_plan_wherever_it_stands() -> None:
     assert Plan(backgrounds_K=(400.0,), shots=1).steps()[0].id == "b00_ref_00"
 
 
-@pytest.mark.parametrize(
-    ("delays_s", "message"),
-    [
-        ([1e-3, 1e-3], "closer than 1e-06 s"),
-        ([1e-3, -1e-3], "outside 0..1"),
-        ([1e-3 * number for number in range(101)], "101 delays, allowed: 0..100"),
-    ],
-)
-def test_refused(delays_s: list[float], message: str) -> None:
-    with pytest.raises(SceneError, match="delays_s") as caught:
-        parse_plan({"backgrounds_K": [400], "delays_s": delays_s})
-    assert message in str(caught.value)
-
-
 def test_a_spray_without_a_time_is_refused() -> None:
     scene = parse_scene(
         {"name": "a", "spray": {"model": "none"}, "plan": {"delays_s": [1e-3, 2e-3]}}

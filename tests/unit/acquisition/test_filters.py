@@ -20,7 +20,7 @@ from cldit.comparison.shown import open_shown
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError, SceneError
 from cldit.io.images import read_image
-from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, RetakesExhausted
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene
@@ -110,20 +110,6 @@ def test_old_plans_keep_their_hash() -> None:
     assert old.hash() == "aa8f42c36fc5d193d7a89183224685bc79f5b90229aa711978793fa010fe1427"
     assert old.hash() != parse_plan({"backgrounds_K": [400, 440], "filters": ["a"]}).hash()
     assert old.filter_name(old.steps()[0]) is None
-
-
-@pytest.mark.parametrize(
-    ("filters", "message"),
-    [
-        (["a", "b", "a"], "filters: a twice; allowed: each filter once"),
-        (["a/b"], "filters: 'a/b' is no name; allowed: up to 40 letters"),
-        (["..", "a"], "filters: '..' is no name"),
-    ],
-)
-def test_refused(filters: list[str], message: str) -> None:
-    with pytest.raises(SceneError) as caught:
-        parse_plan({"backgrounds_K": [400], "filters": filters})
-    assert message in str(caught.value)
 
 
 def test_each_filter_is_recorded_and_evaluated_apart(wheel: Mission) -> None:
@@ -242,14 +228,6 @@ def test_a_wheel_that_is_lost(
     del wheel.data["filter_wheel"]["settings"][fault]
     assert wheel.acquire().complete
     right_light(wheel.folder)
-
-
-def test_a_wheel_that_nobody_can_trust(wheel: Mission) -> None:
-    """Turned after every reading, no shot is ever kept, and the retakes are bounded."""
-    wheel.data["filter_wheel"]["settings"]["turned"] = 1.0
-    with pytest.raises(RetakesExhausted, match="at last for filter: droplets in place of fuel"):
-        wheel.acquire()
-    assert not saved(wheel.folder)
 
 
 @pytest.mark.parametrize(

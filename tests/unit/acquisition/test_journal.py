@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from cldit.acquisition.journal import Journal
-from cldit.errors import DiskFull, FileError, RunFolderError
-from cldit.io.files import written
+from cldit.errors import DiskFull, RunFolderError
 from tests.journals import read_journal
 
 TIME = "2000-01-01T00:00:00+00:00"
@@ -91,8 +90,3 @@ def test_nothing_that_json_cannot_hold(tmp_path: Path) -> None:
     with Journal(tmp_path / "j") as journal, pytest.raises(ValueError):
         journal.append("saved", time=TIME, reading_K=float("nan"))
     assert json.dumps(read_journal(tmp_path / "j")) == "[]"
-
-
-def test_other_errors_of_the_system_are_no_full_disk(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="cannot be written"), written(tmp_path):
-        raise PermissionError(13, "Permission denied")

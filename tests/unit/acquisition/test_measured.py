@@ -14,7 +14,7 @@ import yaml
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from cldit.acquisition.measured import is_measured, open_measured
+from cldit.acquisition.measured import open_measured
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.cli import main
 from cldit.dit.maps import Maps, Reason
@@ -321,11 +321,6 @@ def test_wrong_keys_are_named(tiffs: Path) -> None:
     _write(tiffs, data)
     with pytest.raises((SceneError, EvaluationError), match="filter_um"):
         open_measured(tiffs)
-
-
-def test_which_paths_are_measured_data(tiffs: Path, tmp_path: Path) -> None:
-    assert is_measured(tiffs) and is_measured(tiffs / "measured.yaml")
-    assert not is_measured(tmp_path / "nothing") and not is_measured(tiffs / "413")
 
 
 @pytest.mark.slow

@@ -72,15 +72,6 @@ def test_whole_picture_without_journal_line_is_adopted(
     assert (entry["event"], entry["shot"], entry["adopted"]) == ("saved", "b01_inj_02", True)
 
 
-def test_removed_picture_is_retaken(
-    folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan
-) -> None:
-    (folder / "shots" / "b00_inj_01.tif").unlink()
-    assert open_acquisition(folder).missing == ("b00_inj_01",)
-    assert acquire(open_rig(tiny_rig), tiny_plan, folder).complete
-    assert open_acquisition(folder).complete
-
-
 def test_half_written_picture_is_nothing(
     folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan
 ) -> None:

@@ -85,12 +85,6 @@ def test_json_of_an_import(tmp_path: Path) -> None:
     assert data["figures"]["liquid_mass_kg"] == pytest.approx(parcels.mass_kg)
 
 
-def test_json_of_a_difference() -> None:
-    data = found("compare", WRITTEN, WRITTEN)
-    assert data["within"] and data["maps"][0]["name"] == "apparent_temperature_K"
-    assert data["maps"][0]["rms"] == 0.0
-
-
 def test_diff_is_compare_with_a_warning() -> None:
     words = [str(WRITTEN), str(WRITTEN), "--json"]
     old, new = (CliRunner().invoke(main, [name, *words]) for name in ("diff", "compare"))
@@ -216,19 +210,6 @@ def test_completion(line: str, expected: set[str]) -> None:
     *words, last = line.split()[1:]
     shell = ShellComplete(main, {}, "cldit", "_CLDIT_COMPLETE")
     assert {one.value for one in shell.get_completions(words, last)} == expected
-
-
-def test_completion_as_bash_asks_for_it() -> None:
-    done = cldit(_CLDIT_COMPLETE="bash_complete", COMP_WORDS="cldit scenes --sc", COMP_CWORD="2")
-    assert done.stdout == "plain,--schema\n"
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_scripts(shell: str) -> None:
-    """Bash's script asks bash for its version."""
-    if shell == "bash" and not Path("/bin/bash").exists():
-        pytest.skip("needs bash")
-    assert "_CLDIT_COMPLETE" in cldit(_CLDIT_COMPLETE=f"{shell}_source").stdout
 
 
 def loaded_by(words: list[str], **environment: str) -> set[str]:
