@@ -1,24 +1,34 @@
-"""The rig from a script: shots as they are saved, live preview, dry run, bench."""
+"""The rig, evaluations and progress from a script or notebook."""
 
 from __future__ import annotations
 
+import json
+import sys
 import threading
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
 from click.testing import CliRunner
 
 import cldit
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
 from cldit.acquisition.preview import Preview
+from cldit.acquisition.progress import Progress
+from cldit.api.progress_bars import NotebookBar, progress_bar
 from cldit.cli import main
+from cldit.cli.console import ProgressBar
 from cldit.rig.drivers import describe_drivers
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import KINDS
 from tests.bench.rig import bench_rig
+from tests.extras import needs
 from tests.journals import read_journal
+from tests.laboratory import laboratory
+from tests.measured_files import write_measured
 from tests.patience import HANG_s
 
 
@@ -112,3 +122,66 @@ def test_every_driver_says_on_what_it_was_tested() -> None:
         simulated = name.startswith("simulated")
         assert about.tested.startswith("simulated" if simulated else "untested on hardware"), name
         assert simulated == (about.needs == ())
+
+
+@needs("xarray", extra="studies")
+def test_an_evaluation_is_drawn_compared_and_stored(tmp_path: Path) -> None:
+    folder = tmp_path / "july"
+    folder.mkdir()
+    write_measured(folder, laboratory(1, shape=(24, 40)))
+    data = cldit.evaluate(folder)
+    for name in data.apparent_temperature_K.ancillary_variables.split():
+        assert name in data
+    assert "apparent_temperature_total_error_K" in data.apparent_temperature_K.ancillary_variables
+    assert cldit.plot(data).axes[0].get_xlabel() == "x / mm"
+    assert len(cldit.plot(data, "errors").axes) == 4  # two pictures, two colour bars
+    budget = cldit.plot(data, "budget").axes[0]
+    assert "walls" in " ".join(label.get_text() for label in budget.get_yticklabels())
+
+    stored = json.loads((folder / "maps" / "evaluation.json").read_text())
+    names = [Path(one["path"]).name for one in stored["origin"]["inputs"]]
+    assert "measured.yaml" in names and len(names) > 3
+    assert all(len(one["sha256"]) == 64 for one in stored["origin"]["inputs"])
+    assert json.loads(data.attrs["evaluation"])["origin"]["inputs"] == []
+
+    found = cldit.compare(folder, folder).differences[0]
+    assert found.same and found.stated_K[0] is not None
+
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf", reason="the extra studies is not installed")
+    path = tmp_path / "july.nc"
+    data.to_netcdf(path, engine="h5netcdf")
+    back = xarray.open_dataset(path, engine="h5netcdf", mask_and_scale=False)
+    assert back.equals(data) and back.attrs["title"] == data.attrs["title"]
+    np.testing.assert_allclose(back.x.values, data.x.values)
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What a kernel would show, one after the other."""
+    found: list[str] = []
+    package: Any = ModuleType("IPython")
+    package.get_ipython = lambda: SimpleNamespace(kernel=object())
+    display: Any = ModuleType("IPython.display")
+    display.HTML = str
+    display.display = lambda html, display_id: SimpleNamespace(update=found.append)
+    package.display = display
+    monkeypatch.setitem(sys.modules, "IPython", package)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    return found
+
+
+def test_a_notebook_shows_lines_and_a_bar(shown: list[str]) -> None:
+    with progress_bar() as bar:
+        assert isinstance(bar, NotebookBar)
+        bar.say("a < b")
+        bar.watch(Progress("shots", 3, 10, None))
+    assert shown[0] == "<small>a &lt; b</small>"
+    assert '<progress max="10" value="3">' in shown[1] and "shots 3/10" in shown[1]
+    assert shown[-1] == ""  # nothing stays
+
+
+def test_elsewhere_it_is_the_terminals(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "IPython", raising=False)
+    with progress_bar() as bar:
+        assert isinstance(bar, ProgressBar)

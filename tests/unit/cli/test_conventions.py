@@ -1,4 +1,4 @@
-"""What scripts and shells rely on: `--json`, exit status, completion, width, colour, imports."""
+"""What scripts and shells rely on: `--json`, units, exit status, completion, width, colour."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,16 +16,22 @@ from typing import Any
 import click
 import numpy as np
 import pytest
+import yaml
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
+from cldit.acquisition.progress import Progress
+from cldit.acquisition.storage import JOURNAL
 from cldit.cli import main
+from cldit.cli.acquire import RecordingBar
 from cldit.cli.as_json import Outcome, json_option, plain
 from cldit.cli.console import OUT, plain_errors
+from cldit.cli.options import KELVIN, Quantity
 from cldit.cli.program import Exit
 from cldit.errors import SceneError
 from cldit.spray.result import Parcels, Spray
 from cldit.spray.spray_file import write_spray
+from tests.journals import read_journal
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
 
@@ -240,3 +247,35 @@ def test_help_and_completion_load_no_command(environment: dict[str, str]) -> Non
     assert ours == {"cldit", "cldit.cli", "cldit.cli.program", "cldit.errors", "cldit.io",
                     "cldit.io.extras", "cldit.io.presented", "cldit.io.terminal"}  # fmt: skip
     assert not modules & {"numpy", "rich", "yaml", "pydantic", "matplotlib", "pyopencl"}
+
+
+@pytest.mark.parametrize("text", ["0.1", "0.1K", "0.1 K", " 1e-1K"])
+def test_unit_may_be_written(text: str) -> None:
+    assert KELVIN.convert(text, None, None) == 0.1
+
+
+def test_default_passes() -> None:
+    assert Quantity("s").convert(0.5, None, None) == 0.5
+
+
+@pytest.mark.parametrize("text", ["", "K", "0.1mK", "0.1s", "warm", "1K2"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(click.BadParameter, match=r"not a number of K; allowed: e\.g\. 0\.1K"):
+        KELVIN.convert(text, None, None)
+
+
+def test_ctrl_c(tiny_rig: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the first shot; the rig is made safe."""
+    rig, plan, out = tmp_path / "rig.yaml", tmp_path / "plan.yaml", tmp_path / "shots"
+    rig.write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
+    plan.write_text("backgrounds_K: [440.0]\nshots: 3\n", encoding="utf-8")
+
+    def press(bar: RecordingBar, progress: Progress) -> None:
+        if progress.done == 1:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(RecordingBar, "watch", press)
+    result = CliRunner().invoke(main, ["acquire", str(rig), str(plan), "--out", str(out)])
+    assert result.exit_code == Exit.STOPPED
+    assert "not complete; run the same command again" in result.stderr
+    assert [entry["event"] for entry in read_journal(out / JOURNAL)][-1] == "made safe"

@@ -1,4 +1,4 @@
-"""Standard errors and goodness of fit of a pixel, in closed form."""
+"""Sums of shots; standard errors and goodness of fit of a pixel, in closed form."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from scipy.stats import chi2
 from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.agreement import agreeing
+from cldit.dit.drift_axis import Place
 from cldit.dit.maps import Maps
+from cldit.dit.shots import Sums
 from cldit.dit.solve import Signals, solve
+from tests.verify.evaluation_bias import Shot
 
 SOURCE = np.array([1.0, 2.0, 4.0])
 VARIANCE = 1e-6
@@ -67,3 +70,32 @@ def test_errors_are_widened_until_they_agree_with_the_residuals() -> None:
     np.testing.assert_allclose(widened.apparent_temperature_standard_error_K, 2.0, rtol=1e-6)
     np.testing.assert_allclose(widened.reduced_chi2, 1.0, rtol=1e-6)
     np.testing.assert_allclose(widened.fit_probability, chi2.sf(4.0, 4), rtol=1e-5)
+
+
+SHAPE = (12, 16)
+
+
+@pytest.mark.parametrize("steady", [False, True])
+@pytest.mark.parametrize("common_removed", [False, True])
+def test_variance_is_that_about_a_fit(steady: bool, common_removed: bool) -> None:
+    """Against least squares of each pixel over place and image mean."""
+    rng = np.random.default_rng(1)
+    common = 50.0 * rng.standard_normal(7)[:, None, None] * rng.random(SHAPE)
+    images = 4000.0 + common + 5.0 * rng.standard_normal((7, *SHAPE))
+    sums = Sums.empty(SHAPE, 16383.0)
+    places = np.arange(7.0) * 1.7
+    for number, image in enumerate(images):
+        shot = Shot(str(number), "injection", 400.0, 400.0, image)
+        sums.add(image, shot, place=Place(places[number], 0.0, 0, places[number]))
+    columns = [np.ones(7)]
+    columns += [places] if steady else []
+    columns += [images.mean(axis=(1, 2))] if common_removed else []
+    values = images.reshape(7, -1)
+    fitted = np.linalg.lstsq(np.array(columns).T, values)[0]
+    rest = np.sum((values - np.array(columns).T @ fitted) ** 2, axis=0)
+    spare = 6.0 - steady - common_removed
+    assert sums.spare(steady=steady, common_removed=common_removed) == pytest.approx(spare)
+    variance = sums.variance(steady=steady, common_removed=common_removed)
+    np.testing.assert_allclose(variance.ravel(), rest / spare, rtol=1e-6)
+    if common_removed:
+        assert variance.mean() == pytest.approx(25.0, rel=0.5)  # without the common part of 50

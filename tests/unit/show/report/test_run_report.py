@@ -1,7 +1,8 @@
-"""The report of a run is read from top to bottom: results first, details folded."""
+"""The report of a run: results first, details folded, figures with names and units."""
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 from pathlib import Path
@@ -9,9 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.gpu.device import Device
+from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.weights import Weights
 from cldit.run import open_run
+from cldit.scene import load_scene
 from cldit.show.figures.maps import Shares
+from cldit.show.figures.readable import human, human_figures
 from cldit.show.report.run_report import write_run_report
 
 RUN = Path(__file__).parents[3] / "data" / "run-0.1.0"
@@ -43,3 +48,53 @@ def test_a_share_that_is_nowhere_visible_has_no_panel() -> None:
     bare = Weights(ones, 0.0 * ones, 0.0 * ones, 0.0 * ones)
     shares = Shares.of(weights, bare, background=1.0, wall=1.0)
     assert [panel.title for panel in shares.panels()] == ["share of vapour in the signal"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "name", "text"),
+    [
+        ("injected_mass_kg", 1.267e-5, "injected mass", "12.67 mg"),
+        ("jet_speed_m_s", 225.837, "jet speed", "225.8 m/s"),
+        ("evaporation_rate_m2_s", 1.611e-7, "evaporation rate", "0.1611 mm²/s"),
+        ("liquid_penetration_m", 0.032679, "liquid penetration", "32.68 mm"),
+        ("sauter_mean_diameter_m", 9.7714e-6, "Sauter mean diameter", "9.771 µm"),
+        ("sauter_mean_diameter_at_15_mm_m", 9e-6, "Sauter mean diameter at 15 mm", "9 µm"),
+        ("nozzle_x_m", 0.0, "nozzle x", "0 mm"),
+        ("coldest_K", 462.377, "coldest gas", "462.4 K (189 °C)"),
+        ("gas_temperature_max_K", 570.0, "largest gas temperature", "570 K (297 °C)"),
+        ("droplet_scattering_per_m_max", 1234.56, "largest droplet scattering", "1235 1/m"),
+        ("throat_K", 322.1, "throat temperature", "322.1 K (49 °C)"),
+        ("throat_Pa", 8.2e6, "throat pressure", "8.2 MPa"),
+        ("wet_bulb_K", 385.85, "wet-bulb temperature", "385.9 K (113 °C)"),
+        ("pressure_Pa", 6e5, "pressure", "0.6 MPa"),
+        ("parcels", 585924.0, "parcels", "585924"),
+        ("flow_coefficient", 0.28005, "flow coefficient", "0.2801"),
+        ("x", math.nan, "x", "nan"),
+        ("x", math.inf, "x", "inf"),
+        ("droplets", 3.2305e300, "droplets", "3.23e+300"),
+    ],
+)
+def test_name_and_unit(key: str, value: float, name: str, text: str) -> None:
+    assert human(key, value) == (name, text)
+
+
+@pytest.mark.parametrize(
+    ("name", "coarse"),
+    [
+        ("gdi", {"spray.time_s": 1e-4, "spray.box.spacing_m": 4e-3}),
+        ("gdi-cone", {"spray.spacing_m": 4e-3}),
+        ("methane-jet", {"spray.time_s": 3e-4, "spray.box.spacing_m": 4e-3}),
+        ("droplets-only", {"spray.spacing_m": 4e-3}),
+        ("empty", {}),
+    ],
+)
+def test_figures_of_shipped_scenes_have_names_of_their_own(
+    name: str, coarse: dict[str, float], device: Device, tables: Path
+) -> None:
+    notes = make_spray(load_scene(name).with_(**coarse).spray, device, cache=tables).notes
+    assert len(human_figures(notes)) == len(notes)
+
+
+def test_two_keys_of_one_name_stay_two() -> None:
+    with pytest.raises(ValueError, match="mass"):
+        human_figures({"mass_kg": 1.0, "mass_m": 2.0})
