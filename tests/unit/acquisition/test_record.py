@@ -115,7 +115,6 @@ def _float(folder: Path) -> None:
         (_swap, "is no shot b00_ref_00 of this plan"),
         (_float, "is no raw image"),
         (lambda f: (f / "shots" / "b00_ref_00.tif").write_bytes(b"II*\0"), "cannot be read"),
-        (lambda f: (f / "shots" / "b00_ref_00.tif").write_bytes(b""), "cannot be read as TIFF"),
     ],
 )
 def test_damaged_picture(folder: Path, damage: Callable[[Path], Any], message: str) -> None:
@@ -138,9 +137,7 @@ def _configuration(folder: Path, change: Callable[[dict[str, Any]], Any]) -> Non
         (lambda f: (f / "plan.yaml").unlink(), "holds no plan.yaml"),
         (lambda f: (f / "configuration.json").unlink(), "configuration.json: cannot be read"),
         (lambda f: (f / "configuration.json").write_text("[]"), "contains list"),
-        (lambda f: (f / "configuration.json").write_text("{"), "is damaged"),
         (lambda f: _configuration(f, lambda d: d.pop("plan_hash")), "belongs to another plan"),
-        (lambda f: _configuration(f, lambda d: d.pop("setup")), "damaged .'setup'"),
         (lambda f: _configuration(f, lambda d: d["setup"].pop("pixel_m")), "pixel_m: is missing"),
         (lambda f: _configuration(f, lambda d: d["devices"].pop("camera")), "damaged .'camera'"),
         (lambda f: _configuration(f, lambda d: d.update(shape=[12])), "damaged"),
@@ -241,10 +238,8 @@ def spoil(folder: Path, change: Callable[[dict[str, Any]], Any] | bytes) -> None
 
 DAMAGES: list[tuple[Any, str]] = [
     (lambda e: e.update(attempt="x"), "holds attempt: 'x', which is of another type"),
-    (lambda e: e.update(attempt=True), "holds attempt: True"),
     (lambda e: e.update(background_before_K=None), "holds background_before_K: None"),
     (lambda e: e.pop("background_after_K"), "has no background_after_K"),
-    (lambda e: e.pop("shot"), "has no shot"),
     (lambda e: e.update(shot=3), "holds shot: 3"),
     (lambda e: e.update(seq=99), "does not carry the sequence number"),
     (bytes(40), "is not JSON"),

@@ -34,7 +34,6 @@ def test_a_path_changes_one_value_and_leaves_the_scene() -> None:
     [
         ("walls.temperature_K=500", "walls.temperature_K", 500),
         ("camera.pixels=[200,200]", "camera.pixels", [200, 200]),
-        ("description=a=b", "description", "a=b"),
         ("domain.leaf_edge_m=null", "domain.leaf_edge_m", None),
     ],
 )
@@ -81,17 +80,11 @@ def test_a_wrong_key_names_the_nearest(path: str, words: str) -> None:
     ("path", "value"),
     [
         ("camera.pixels", [1, 2, 3]),
-        ("camera.pixels", [1.5, 2]),
-        ("camera.pixels", "many"),
         ("camera.field_m", 3),
         ("camera.model", "fisheye"),
-        ("walls", 3),
-        ("patches", [3]),
-        ("name", 3),
         ("name", ""),
         ("transport.audit", "perhaps"),
         ("background.temperatures_K", "x"),
-        ("spray.plumes", 3),
         ("optics.liquid", {"a": 1}),
     ],
 )

@@ -53,15 +53,11 @@ def test_mapping_of_ensight_and_converge(tmp_path: Path) -> None:
     [
         ("cells_temperature", "Tmp", r"cells.csv: no column 'Tmp' \(cells.temperature\); it has:"),
         ("cells_fuel", {"column": "Fuel", "unit": "ppm"}, "unit 'ppm' is unknown; allowed: 1, %"),
-        ("cells_fuel", None, "no cell field 'C7H16'"),
-        ("cells_file", "none.csv", r"none\.csv: cannot be read"),
         ("cells_volume", "dx", "either size or volume"),
-        ("cells_size", ["dx", "dy", "Zero"], "no column 'Zero'"),
         ("cells_header_line", 3, "none of the mapped columns"),
         ("cells_colour", 3, "cells.colour: unknown key; allowed: "),
         ("parcels_diameter", "R", "diameter and radius are both given"),
         ("parcels_density", None, "has no field 'nParticle'"),
-        ("parcels_density", 0.7, "density"),
     ],
 )
 def test_mapping_that_is_wrong(tmp_path: Path, key: str, value: Any, message: str) -> None:
@@ -92,10 +88,8 @@ def test_cells_by_volume(tmp_path: Path) -> None:
 CASE: list[tuple[str, str, str]] = [
     ("type: ensight gold", "type: ensight", "not `type: ensight gold`"),
     ("model: case.geo", "model: 1 1 case.geo", "several times in one file"),
-    ("model: case.geo", "", "GEOMETRY: 0 entries 'model'"),
     ("measured: 1 case.***.mgeo", "", "GEOMETRY: no `measured` file for the parcels"),
     ("measured: 1 case.***.mgeo", "measured: 7 case.***.mgeo", "no time set 7"),
-    ("number of steps: 2", "number of steps: 3", "TIME: 2 time values for 3 steps"),
     ("time values: 0.0005", "time values: soon", "is no EnSight case file .*soon"),
     (
         "scalar per element: 1 T",
@@ -123,11 +117,9 @@ def test_case_file_of_ensight(tmp_path: Path, old: str, new: str, message: str) 
         ("case.geo", b"node id off", b"\0" * 11, "'', expected `node id` and off, given, assign"),
         ("case.geo", b"coordinates", b"block curvi", "part 1 is a block 'curvi'; allowed:"),
         ("case.geo", b"hexa8 ", b"hexa20", "elements of type 'hexa20' are not read"),
-        ("case.005.T", b"hexa8 ", b"tetra4", "'tetra4' where a part or its elements"),
         ("case.005.T", b"\x01\0\0\0", b"\x09\0\0\0", "part 9 is not in the geometry"),
         ("case.005.mgeo", b"particle coord", b"atoms coord   ", "expected `particle coordinates`"),
         ("case.005.mgeo", b"\x11\0\0\0", b"\x10\0\0\0", "continues after its 16 parcels"),
-        ("case.005.mgeo", b"\x11\0\0\0", b"\xff\xff\xff\xff", "truncated or damaged"),
     ],
 )
 def test_ensight_that_is_not_read(
@@ -148,12 +140,9 @@ def test_ensight_that_is_not_read(
     ("array", "values", "message"),
     [
         ("CELL_CENTER_DATA/TEMPERATURE", None, "no cell field 'T'; it has: DENSITY"),
-        ("CELL_CENTER_DATA/TEMPERATURE", [300.0], "TEMPERATURE: 1 values for 24 cells"),
-        ("VERTEX_COORDINATES/Y", None, "STREAM_00/VERTEX_COORDINATES/Y is missing"),
         ("VERTEX_COORDINATES/Y", [0.0], "VERTEX_COORDINATES/Y: 1 values, expected 60"),
         ("CONNECTIVITY/POLYGON_OFFSET", [0, 4], "CONNECTED_CELLS: .* values, expected 2"),
         ("PARCEL_DATA/RADIUS", None, "has no field 'd'"),
-        ("PARCEL_DATA/RADIUS", [1e-6], "RADIUS: 1 values, expected 17"),
         ("PARCEL_DATA/PARCEL_Z", None, "PARCEL_Z is missing"),
         ("PARCEL_DATA/TEMP", [[300.0]], "TEMP: no list of numbers"),
     ],
