@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import sys
 import threading
+import warnings
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -12,15 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 import cldit
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
 from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress
 from cldit.api.progress_bars import NotebookBar, progress_bar
-from cldit.cli import main
 from cldit.cli.console import ProgressBar
+from cldit.errors import EvaluationError, RunFolderError
 from cldit.rig.drivers import describe_drivers
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import KINDS
@@ -95,15 +96,6 @@ def test_dry_run(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> N
         assert found.background_s == (185 * 3.0 + 120.0) or abs(found.background_s - 675.0) < 1.0
         assert 10.0 < found.time_s - found.background_s < 11.0
         assert found.disk_bytes > 10 * 2 * 16 * 12
-    assert not (tmp_path / "a").exists()
-
-
-def test_dry_run_command(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig))
-    (tmp_path / "plan.yaml").write_text(tiny_plan.dump())
-    arguments = ["acquire", *(str(tmp_path / f"{n}.yaml") for n in ("rig", "plan")), "--dry-run"]
-    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
-    assert result.exit_code == 0 and "10 shots at 2 backgrounds" in result.output
     assert not (tmp_path / "a").exists()
 
 
@@ -185,3 +177,58 @@ def test_elsewhere_it_is_the_terminals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "IPython", raising=False)
     with progress_bar() as bar:
         assert isinstance(bar, ProgressBar)
+
+
+COMMANDS = ("fit", "plan", "sweep", "import_case", "export", "view", "compare", "evaluate")
+
+
+def test_every_name_is_there() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in cldit.__all__:
+            assert getattr(cldit, name) is not None
+    assert set(COMMANDS) < set(dir(cldit))
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        _ = cldit.simulat
+
+
+@pytest.mark.parametrize("name", ["parse_scene", "dump_scene", "open_device", "run_experiment"])
+def test_old_names_name_their_successor(name: str) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"cldit\.{name} is cldit\.\w+"):
+        assert callable(getattr(cldit, name))
+
+
+def test_public_functions_state_arguments_and_errors() -> None:
+    """Args, and what is returned or raised, in the docstring of each function."""
+    for name in cldit.__all__:
+        public = getattr(cldit, name)
+        if not inspect.isfunction(public) or not inspect.signature(public).parameters:
+            continue
+        text = inspect.getdoc(public) or ""
+        assert "Args:" in text and ("Raises:" in text or "Returns:" in text), name
+
+
+def test_scene_from_a_mapping_and_as_yaml() -> None:
+    scene = cldit.load_scene("empty")
+    assert cldit.Scene.from_dict(yaml.safe_load(scene.to_yaml())) == scene
+
+
+def test_recording_needs_a_folder() -> None:
+    with pytest.raises(EvaluationError, match=r"record=True: allowed: with `out`"):
+        cldit.simulate("empty", record=True)
+    with pytest.raises(EvaluationError, match=r"record=True"):
+        cldit.simulate("empty", "there", record=True, like=object())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("error_K", "quantile", "text"),
+    [(0.0, 0.9, "error_K: 0"), (1.0, 1.5, "quantile: 1.5")],
+)
+def test_a_plan_is_checked_before_it_traces(error_K: float, quantile: float, text: str) -> None:
+    with pytest.raises(EvaluationError, match=text):
+        cldit.plan("empty", error_K, quantile=quantile)
+
+
+def test_a_view_needs_a_folder() -> None:
+    with pytest.raises(RunFolderError, match="view: no folder"):
+        cldit.view()

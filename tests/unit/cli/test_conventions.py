@@ -20,6 +20,7 @@ import yaml
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
+from cldit import __version__
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.storage import JOURNAL
 from cldit.cli import main
@@ -27,7 +28,7 @@ from cldit.cli.acquire import RecordingBar
 from cldit.cli.as_json import Outcome, json_option, plain
 from cldit.cli.console import OUT, plain_errors
 from cldit.cli.options import KELVIN, Quantity
-from cldit.cli.program import Exit
+from cldit.cli.program import Exit, LazyGroup
 from cldit.errors import SceneError
 from cldit.spray.result import Parcels, Spray
 from cldit.spray.spray_file import write_spray
@@ -279,3 +280,45 @@ def test_ctrl_c(tiny_rig: dict[str, Any], tmp_path: Path, monkeypatch: pytest.Mo
     assert result.exit_code == Exit.STOPPED
     assert "not complete; run the same command again" in result.stderr
     assert [entry["event"] for entry in read_journal(out / JOURNAL)][-1] == "made safe"
+
+
+SLOW = {"matplotlib", "scipy", "pyopencl", "CoolProp", "vtk"}
+
+
+@pytest.mark.parametrize("words", [["bench", "--help"], ["scenes"], ["acquire", "--help"]])
+def test_only_what_a_command_uses(words: list[str]) -> None:
+    assert not {name.partition(".")[0] for name in loaded_by(words)} & SLOW
+
+
+def test_modules_of_a_run_load_no_package_that_few_runs_use() -> None:
+    """SciPy's packages are loaded by the calls of their functions."""
+    code = (
+        "import sys, cldit.cli.run; "
+        "print(*(name for name in sys.modules if name.startswith(('scipy.', 'matplotlib'))))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[1] for name in done.stdout.split() if "." in name}
+    assert not loaded & {"special", "ndimage", "linalg", "optimize", "interpolate", "spatial"}
+    assert "matplotlib" not in done.stdout
+
+
+def test_help_says_what_click_would() -> None:
+    """Texts that are read from the sources are those of the commands, here of those soon loaded.
+
+    On wide lines, where click cuts nothing.
+    """
+    quick = {name: main.commands_at[name] for name in ("scenes", "devices", "export", "study")}
+    group = LazyGroup(commands_at=quick)
+    context = click.Context(group, info_name="cldit", terminal_width=400, max_content_width=400)
+    ours, theirs = (context.make_formatter() for _ in range(2))
+    group.format_commands(context, ours)
+    click.Group.format_commands(group, context, theirs)
+    assert ours.getvalue() == theirs.getvalue() != ""
+
+
+def test_python_m_cldit_is_the_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "cldit", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == CliRunner().invoke(main, ["--version"], prog_name="cldit").stdout
+    assert done.stdout == f"cldit, version {__version__}\n"

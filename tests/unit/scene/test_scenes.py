@@ -10,14 +10,19 @@ import numpy as np
 import pytest
 import yaml
 
-import cldit.scene
 from cldit.acquisition.journal import parse_entry
 from cldit.errors import SceneError
+from cldit.gpu.device import Device
 from cldit.io.plain_data import parse_yaml
 from cldit.optics.liquid import liquid
 from cldit.optics.vapour import vapour_band
+from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.prepare.medium import prepare
+from cldit.prepare.preview import previewed
+from cldit.prepare.stages import Stages
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene, shipped_scenes
 from cldit.scene.curves import check_curve
+from cldit.scene.load import chosen_scene
 from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 from cldit.scene.spray import ConeSpray
 
@@ -57,19 +62,6 @@ def test_there_and_back(name: str) -> None:
     again = parse_scene(yaml.safe_load(dump_scene(scene)))
     assert again == scene
     assert dump_scene(again) == dump_scene(scene)
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_scenes_say_only_what_differs(name: str, tmp_path: Path) -> None:
-    """Taking any key of a section away changes the scene."""
-    folder = Path(cldit.scene.__file__).parent / "library"
-    data = yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
-    for section in set(data) - {"name", "description", "base"}:
-        for key in set(data[section]) - {"model"}:
-            less = {**data, section: {k: v for k, v in data[section].items() if k != key}}
-            file = tmp_path / "less.yaml"
-            file.write_text(yaml.safe_dump(less), encoding="utf-8")
-            assert load_scene(file) != load_scene(name), f"{section}.{key} is the default"
 
 
 def test_extinction_is_seen_where_vapour_is_transparent() -> None:
@@ -321,3 +313,40 @@ def test_curves_take_numbers_from_iterators() -> None:
 def test_times_of_a_journal_have_a_zone_and_a_century(time: str) -> None:
     line = f'{{"seq": 0, "event": "stopped", "time": "{time}"}}\n'.encode()
     assert "without a zone or of another century" in parse_entry(line, 0)[0]
+
+
+_COARSE_GAS = {"spray.box.spacing_m": 3e-3, "spray.droplets_per_parcel": 3e4}
+_COARSE_CONE = {"spray.spacing_m": 2e-3, "spray.size_classes": 2}
+
+
+@pytest.mark.parametrize(
+    ("name", "coarse"),
+    [
+        pytest.param("gdi", _COARSE_GAS, marks=pytest.mark.slow),
+        pytest.param("methane-jet", _COARSE_GAS, marks=pytest.mark.slow),
+        ("gdi-cone", _COARSE_CONE),
+        ("gdi-cold", _COARSE_CONE),
+        ("droplets-only", _COARSE_CONE),
+    ],
+)
+def test_the_spray_fills_the_frame(
+    name: str, coarse: dict[str, float], device: Device, tables: Path
+) -> None:
+    """By absorption and scattering on coarse cells, without light that is scattered.
+
+    gdi-extinction has the camera of gdi, with which it is compared; its droplets fill less.
+    """
+    scene = chosen_scene(name, pixels=64).with_(**{"optics.wavelengths": 1, **coarse})
+    emissivity = previewed(scene, device, prepare(scene, device, Stages(None), tables))[1]
+    visible = emissivity > VISIBLE_EMISSIVITY
+    assert np.mean(visible) >= 0.3
+    assert not visible[[0, -1]].any() and not visible[:, [0, -1]].any()
+
+
+@pytest.mark.parametrize("name", ["gdi", "methane-jet"])
+def test_traced_and_recorded_images_show_the_same_part(name: str) -> None:
+    """Pixels are square, and the sensor covers the field."""
+    camera = load_scene(name).camera
+    for columns, rows in (camera.pixels, camera.sensor.pixels):
+        sizes = (camera.field_m[0] / columns, camera.field_m[1] / rows)
+        assert sizes[0] == pytest.approx(sizes[1], rel=1e-6)
