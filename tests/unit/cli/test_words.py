@@ -92,16 +92,6 @@ def test_an_old_option_says_what_replaces_it(words: list[str], says: str) -> Non
     assert words[2] not in CliRunner().invoke(main, [words[0], "--help"]).output.split()
 
 
-def test_options_of_a_case_are_those_of_import() -> None:
-    """`cldit run --cfd CASE` takes them, and only one help has them."""
-    run, imported = (main.get_command(click.Context(main), name) for name in ("run", "import"))
-    assert run is not None and imported is not None
-    shared = {one.name for one in run.params} & {one.name for one in imported.params}
-    hidden = {one.name for one in run.params if isinstance(one, click.Option) and one.hidden}
-    assert hidden - {"method", "phase"} == shared - {"out", "as_json", "verbose"}
-    assert len(hidden) > 10
-
-
 @pytest.mark.parametrize(
     "words",
     [

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import MediumError
 from cldit.medium.deposit import PlacedBoxes, PlacedPoints, place_boxes
-from cldit.medium.frame import BRICK, Frame
+from cldit.medium.frame import Frame
 from cldit.medium.octree import FIELDS, CellSource, Octree, PointSource, build_octree
 
 EDGE = 0.2
@@ -180,19 +180,6 @@ def one_by_one(where: Frame, lower: Floats, upper: Floats, vapour: Floats) -> Oc
     parts = [slice(start, start + 900) for start in range(0, len(lower), 900)]
     some = [boxes(lower[part], upper[part], vapour[part]) for part in parts]
     return build_octree(where, None, some, optical_depth_split=0.0)
-
-
-def test_boxes_mark_the_bricks_that_they_touch() -> None:
-    """As all at once, as one by one; some are in one brick, some larger than four."""
-    rng = np.random.default_rng(2)
-    lower = rng.uniform(0.0, 100.0, (300, 3))
-    upper = np.minimum(lower + np.exp(rng.uniform(-1.0, 4.0, (300, 3))), 128.0)
-    mark, expected = np.zeros((2, 16, 16, 16), bool)
-    PlacedBoxes(lower, upper).mark(mark)
-    for low, high in zip(np.floor(lower).astype(int), np.ceil(upper).astype(int), strict=True):
-        x, y, z = (slice(a // BRICK, (b - 1) // BRICK + 1) for a, b in zip(low, high, strict=True))
-        expected[z, y, x] = True
-    np.testing.assert_array_equal(mark, expected)
 
 
 def test_boxes_of_the_cells_lattice_are_laid_in_them() -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from cldit.errors import FileError
 from cldit.show.page import (
     Bar,
     Bullets,
@@ -130,16 +129,6 @@ def test_markdown(tmp_path: Path) -> None:
     assert "| [a|b](walls.md) | a\\|b |" in text and "- a|b\n- one" in text
     assert text.endswith("## How to repeat it\n\n```sh\na|b\n```\n\n## a|b\n\na|b\n")
     assert (tmp_path / "figures" / "one.png").read_bytes() == PNG
-
-
-def test_written_whole(tmp_path: Path) -> None:
-    path = tmp_path / "with space" / "report.html"
-    path.parent.mkdir()
-    assert write_page(_full("Spray µ 日本"), path) == path
-    assert path.read_text(encoding="utf-8") == _full("Spray µ 日本").html()
-    assert [item.name for item in path.parent.iterdir()] == ["report.html"]
-    with pytest.raises(FileError):
-        write_page(_full("x"), tmp_path / "missing" / "report.html")
 
 
 def test_figures_have_their_size_on_paper() -> None:

@@ -116,22 +116,6 @@ def test_linear_field_is_exact() -> None:
     np.testing.assert_allclose(found, np.broadcast_to(wanted, found.shape), atol=2e-7)
 
 
-def test_even_block_stays_even() -> None:
-    """Up to its sides, beside empty cells and at the side of the cube."""
-    place = np.argwhere(np.ones((21, 10, 9), bool)) + np.array([43, 3, 17])
-    cells = OpticalCells.of(tree_of(place, np.full(len(place), 0.3)))
-    assert not gradient_of(cells).any()
-
-
-def test_empty_neighbour() -> None:
-    """A cell between an empty one and a denser one slopes as much as its mean allows."""
-    place = np.array([[20, 20, 20], [21, 20, 20], [22, 20, 20]])
-    cells = OpticalCells.of(tree_of(place, np.array([1.0, 4.0, 5.0])))
-    address = leaf_at(cells.tree, place[0])[0]
-    expected = np.array([2 * (1 - LEAST), 0, 0])
-    np.testing.assert_allclose(gradient_of(cells)[address], expected, rtol=1e-6)
-
-
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_coarse_leaves_of_a_linear_field(axis: int) -> None:
     """Leaves of a brick: the slope between their means, per finest cell. Its other axes have

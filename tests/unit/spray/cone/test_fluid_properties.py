@@ -114,9 +114,3 @@ def test_distribution_shrinks_as_its_droplets_do(kernels: DropletKernels, fuel_K
         for count in (1, 2, 4, 8):  # whatever the number of classes
             few = state.diameters_m(np.atleast_1d(f), count)[0]
             assert 1 / np.mean(1 / few) == pytest.approx(1 / np.mean(1 / d), rel=1e-12)
-
-
-def test_without_evaporation_sizes_stay() -> None:
-    classes = strata_m(NukiyamaTanasawa(), 256)
-    state = d2_law(classes, None)
-    assert state.diameters_m(np.zeros(1), 256)[0] == pytest.approx(classes, rel=1e-12)
