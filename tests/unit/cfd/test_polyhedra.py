@@ -13,6 +13,7 @@ from cldit.cfd.mesh import elements, geometry
 from cldit.cfd.mesh.cells import CellMesh, Measures, PointMesh
 from cldit.cfd.mesh.elements import POLYHEDRON, ElementMesh
 from cldit.cfd.mesh.faces import Mesh, join
+from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam import lists as foamlists
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import FoamFile
@@ -278,3 +279,11 @@ def test_counts_of_pieces(at_once: int, tmp_path: Path, monkeypatch: pytest.Monk
     begin = b"<VTKFile>" + piece.replace(b'"', b"'")
     file.write_bytes(begin + b'<AppendedData encoding="raw">_' + piece)
     assert piece_counts(file) == (12, 5)
+
+
+def test_faces_one_after_the_other() -> None:
+    """Places of sizes, and lists that are none: a size of 0, and one beyond the end."""
+    numbers = np.array([3, 0, 1, 2, 4, 3, 2, 1, 0, 3, 7, 8, 9], np.int32)
+    assert walk_faces(numbers).tolist() == [0, 4, 9, 13]
+    assert walk_faces(numbers[:-1])[-1] != len(numbers) - 1
+    assert walk_faces(np.array([3, 0, 1, 2, 0, 5]))[-1] != 6

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 import cldit
 from cldit.cli import main
-from cldit.cli.console import ProgressBar
+from cldit.cli.console import ERR, OUT, ProgressBar
 from cldit.prepare.stages import StageLine, Stages
 
 _C = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -141,3 +141,10 @@ def test_only_stages_are_hidden(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == "  a remark\n"
     ProgressBar(stages=True).say(said[0])
     assert capsys.readouterr().out == "  spray\n"
+
+
+def test_names_in_messages_stay_as_they_are() -> None:
+    for console in (OUT, ERR):
+        with console.capture() as got:
+            console.print("a:x:b.yaml")
+        assert got.get() == "a:x:b.yaml\n"

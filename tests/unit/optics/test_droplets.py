@@ -192,3 +192,9 @@ def test_tables_end_where_mie_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(droplets, "check_by_miepython", lambda **_: None)
     table = droplet_table(wavelength_um=0.5, n=1.4, k=0.05, cache=None, largest_m=1e-3)
     assert 1.5e-3 < table.largest_m < 1e4 * 0.5e-6 / np.pi
+
+
+def test_cache_that_cannot_be_written_costs_only_time(paper: DropletTable, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    assert _same(droplet_table(**PAPER, cache=blocked), paper)

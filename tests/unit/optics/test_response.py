@@ -175,3 +175,18 @@ def test_quantum_efficiency_counts_once() -> None:
     ]
     assert electrons[0] == pytest.approx(electrons[1], rel=1e-12)
     assert scene_filter(number) == (3.3, 3.5)
+
+
+def test_table_for_many_temperatures() -> None:
+    """More than a few thousand temperatures are looked up: cubic Hermite, 1e-12."""
+    kelvin = np.geomspace(2.0, 5000.0, 20_000)
+    many = band_radiance(kelvin, filter_um=TRAPEZE)
+    few = np.concatenate([band_radiance(part, filter_um=TRAPEZE) for part in np.split(kelvin, 20)])
+    normal = few > 1e-280
+    np.testing.assert_allclose(many[normal], few[normal], rtol=1e-10)
+    hot = np.full(5000, 1e14)  # beyond the table: proportional to T
+    assert band_radiance(hot, filter_um=TRAPEZE)[0] == pytest.approx(
+        float(band_radiance(1e14, filter_um=TRAPEZE)), rel=1e-8
+    )
+    cold = band_radiance(np.full(5000, 1e-3), filter_um=TRAPEZE)
+    assert np.all(cold == 0.0)

@@ -17,6 +17,8 @@ from cldit.optics.node_count import enough, stays_K
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter, Response
 from cldit.optics.spectral import Quadrature
+from cldit.optics.spectrum import _regrouped
+from cldit.optics.vapour import KDistribution
 from cldit.optics.wavelengths import _cuts, elsewhere
 from cldit.optics.windows import band_pane
 from cldit.scene import load_scene
@@ -170,3 +172,13 @@ def test_constants_at_other_wavelengths(optics: dict[str, Any], words: tuple[str
     assert len(remarks) == len(words)
     for remark, word in zip(remarks, words, strict=True):
         assert word in remark and remark.startswith("optics.")
+
+
+def test_regrouped_keeps_the_mean() -> None:
+    """Other weights for the same absorption: the mean stays, equal weights change nothing."""
+    given = KDistribution(np.array([0.2, 0.5, 0.3]), np.array([1.0, 2.0, 10.0]))
+    np.testing.assert_allclose(_regrouped(given, given.weights), given.absorption_m2_mol)
+    weights = np.array([0.1, 0.1, 0.4, 0.4])
+    regrouped = _regrouped(given, weights)
+    assert weights @ regrouped == pytest.approx(0.2 + 1.0 + 3.0)
+    assert np.all(np.diff(regrouped) >= 0)

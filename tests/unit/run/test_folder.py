@@ -23,7 +23,7 @@ from cldit.errors import RunFolderError
 from cldit.io.digests import UNVERIFIED
 from cldit.io.exclusive import exclusive
 from cldit.io.images import write_image
-from cldit.io.origin import FileRead
+from cldit.io.origin import FileRead, files_read
 from cldit.run.folder import open_run, stored_run
 from cldit.run.record import origin_of
 from cldit.run.result import RunInfo
@@ -215,3 +215,12 @@ def test_times_of_old_runs_are_not_negative() -> None:
     assert min(stage["seconds"] for stage in data["stages"]) < 0.0
     info = RunInfo.from_dict(data)
     assert min(stage.seconds for stage in info.stages) == 0.0 and info.origin is None
+
+
+def test_a_run_keeps_them(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    file.write_bytes(b"abc")
+    old = RunInfo.from_dict(json.loads((WRITTEN / "run.json").read_text()))
+    assert old.files == ()
+    info = replace(old, files=files_read([file]))
+    assert RunInfo.from_dict(json.loads(info.to_json())) == info

@@ -248,3 +248,8 @@ def test_a_later_time_that_fails_is_refused_when_asked_for(tmp_path: Path) -> No
         with pytest.raises(SprayError, match="no"):
             cached_spray(LagrangianSpray(time_s=2e-4), tmp_path, maker(made, 2e-4))
     assert made == [(1e-4, 2e-4), (2e-4,)]
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert cached_spray(LagrangianSpray(), tmp_path / "file", maker([])).parcels is not None

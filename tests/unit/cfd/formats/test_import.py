@@ -207,3 +207,11 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
     assert "GB of memory; 0.1 GB are free" in text
     assert "export only the region" in text
     assert told == []
+
+
+def test_who_does_not_know_what_is_free_refuses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    large = size.Size(10**9, 0, 1e12)
+    monkeypatch.setattr(size, "free_bytes", lambda: None)
+    size.check_room(Path("case"), large)
+    monkeypatch.setattr(size, "free_bytes", lambda: 10**14)
+    size.check_room(Path("case"), large)

@@ -303,3 +303,16 @@ def test_mass_momentum_and_energy_of_a_spray(device: Device, kind: str, name: st
     assert np.all(change[kept] < allowed[kept])
     # The bounds are small against what was exchanged.
     assert np.all(allowed[[1, 2]] < 1e-2 * np.array([first_kg, first_kg * latent]))
+
+
+def test_steps_share_the_sources(device: Device) -> None:
+    """Two halves of a step receive what the whole one does."""
+    flows = [gas(device) for _ in range(2)]
+    mass = np.random.default_rng(5).random(flows[0].grid.shape) * 0.02
+    for flow, steps in zip(flows, (1, 2), strict=True):
+        give(flow, mass, -3e5 * mass, np.zeros((3, *mass.shape)))
+        flow.step(1e-5, steps=steps)
+    one, two = (contents(flow)[:3] for flow in flows)
+    whole = np.array([one[0], one[0], flows[0].pressure_Pa * flows[0].grid.volume_m3.sum()])
+    assert np.all(np.abs(one - two) < 100 * np.finfo(flows[0].fields.real).eps * whole)
+    assert flows[0].fuel_kg == pytest.approx(float(np.sum(mass * flows[0].grid.volume_m3)))
