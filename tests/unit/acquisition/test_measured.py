@@ -1,7 +1,8 @@
-"""Measured data in files of other programs: read as they are, and what is wrong is named."""
+"""Measured data of other programs: read as they are; errors name file and key in few letters."""
 
 from __future__ import annotations
 
+import re
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -14,11 +15,12 @@ import yaml
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from cldit.acquisition.measured import is_measured, open_measured
+from cldit.acquisition.measured import open_measured
+from cldit.acquisition.measured_draft import write_measured
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.cli import main
 from cldit.dit.maps import Maps, Reason
-from cldit.errors import EvaluationError, SceneError
+from cldit.errors import ClditError, EvaluationError, SceneError
 from cldit.optics.planck import band_radiance
 from cldit.rig.load import Setup
 from tests.bench.evaluation import bench_evaluation
@@ -323,11 +325,6 @@ def test_wrong_keys_are_named(tiffs: Path) -> None:
         open_measured(tiffs)
 
 
-def test_which_paths_are_measured_data(tiffs: Path, tmp_path: Path) -> None:
-    assert is_measured(tiffs) and is_measured(tiffs / "measured.yaml")
-    assert not is_measured(tmp_path / "nothing") and not is_measured(tiffs / "413")
-
-
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_shots(tmp_path: Path) -> None:
     """What the evaluation holds are sums: ten times the shots, the same arrays.
@@ -345,3 +342,78 @@ def test_memory_does_not_grow_with_the_shots(tmp_path: Path) -> None:
     # An image is 160 kB as float64; 100 more shots held would be 16 MB. Thumbnails and
     # their differences: 8 kB a shot.
     assert peaks[1] < peaks[0] + 100 * 16e3
+
+
+LONG = "x" * 100_000
+MANY = [1.0 + n for n in range(20_000)]
+IMAGE = np.arange(20 * 16, dtype=np.uint16).reshape(20, 16)
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> dict[str, Any]:
+    for name in ("a", "b", "c", "d"):
+        tifffile.imwrite(tmp_path / f"{name}.tif", np.stack([IMAGE] * 3), photometric="minisblack")
+    return {
+        "filter_um": [3.3, 3.5],
+        "setup": {"pixel_m": [1e-4, 1e-4]},
+        "sensor": {"saturation_counts": 16383},
+        "backgrounds": [
+            {"temperature_K": 413.0, "references": "a.tif", "injections": "b.tif"},
+            {"temperature_K": 453.0, "references": "c.tif", "injections": "d.tif"},
+        ],
+    }
+
+
+def _message(folder: Path, data: dict[str, Any]) -> str:
+    (folder / "measured.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    with pytest.raises(ClditError) as caught:
+        open_measured(folder)
+    return str(caught.value)
+
+
+def _second(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda data: data["backgrounds"][1].update({key: value})
+
+
+def _top(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda data: data.update({key: value})
+
+
+CASES: list[tuple[Callable[[dict[str, Any]], None], str]] = [
+    (_second("references", LONG), "backgrounds[1].references"),
+    (_second("references", "a.tif"), "backgrounds[1].references"),
+    (_second("references", "c.tif[0:99]"), "backgrounds[1].references"),
+    (_second("injections", f"{LONG}[]::"), "backgrounds[1].injections"),
+    (_second("references_s", MANY), "backgrounds[1].references_s"),
+    (_second("references_s", [1.0, 3.0, 2.0]), "backgrounds[1].references_s"),
+    (_second("injections_s", f"log.csv::{LONG}"), "backgrounds[1].injections_s"),
+    (_second("injections_K", [453.0, 180.0, 453.0]), "backgrounds[1].injections_K"),
+    (_second("temperature_K", 413.0), "backgrounds"),
+    (_top("references", 5), "backgrounds[0].references"),
+    (_top("bad_pixels", LONG), "bad_pixels"),
+    (_top("axes", [LONG, "rows", "columns"]), "axes"),
+    (_top(LONG, 1), "x" * 70),
+]
+
+
+@pytest.mark.parametrize("number", range(len(CASES)))
+def test_an_error_names_file_and_key_in_few_letters(
+    tmp_path: Path, data: dict[str, Any], number: int
+) -> None:
+    change, key = CASES[number]
+    change(data)
+    message = _message(tmp_path, data)
+    assert message.startswith(f"{tmp_path / 'measured.yaml'}:")
+    assert re.search(rf":\s{re.escape(key)}", message), message[:2000]
+    assert len(message) < 1500 and not re.search("x{81}", message)
+
+
+def test_an_unfinished_draft_lists_what_is_missing(tmp_path: Path, data: dict[str, Any]) -> None:
+    out = tmp_path / "measured.yaml"
+    write_measured(tmp_path, out)
+    with pytest.raises(ClditError) as caught:
+        open_measured(out)
+    first, *lines = str(caught.value).splitlines()
+    assert first == f"{out}: is incomplete; complete and uncomment what is missing:"
+    assert {"filter_um: is missing", "setup.pixel_m: is missing"} <= set(lines)
+    assert "backgrounds[0].temperature_K: is missing" in lines

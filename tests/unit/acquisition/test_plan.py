@@ -76,6 +76,14 @@ def test_background_order(order: Any, present_K: float, expected: tuple[int, ...
         ({"backgrounds_K": [400], "drift_K": 0.1}, "drift_K: 0.1 is less than"),
         ({"backgrounds_K": [400], "stability": {"hold_s": float("nan")}}, "stability.hold_s: nan"),
         ({"backgrounds_K": [400], "order": "random"}, "order: 'random'"),
+        (
+            {"backgrounds_K": [400], "delays_s": [1e-3, 1e-3]},
+            "delays_s: 0.001 and 0.001 are closer than",
+        ),
+        ({"backgrounds_K": [400], "delays_s": [1e-3, -1e-3]}, "outside 0..1"),
+        ({"backgrounds_K": [400], "delays_s": [0.001] * 101}, "101 delays, allowed: 0..100"),
+        ({"backgrounds_K": [400], "filters": ["a", "b", "a"]}, "filters: a twice; allowed: each"),
+        ({"backgrounds_K": [400], "filters": ["a/b"]}, "filters: 'a/b' is no name; allowed: up to"),
     ],
 )
 def test_refused(data: dict[str, Any], message: str) -> None:

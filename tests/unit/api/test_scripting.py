@@ -1,24 +1,35 @@
-"""The rig from a script: shots as they are saved, live preview, dry run, bench."""
+"""The rig, evaluations and progress from a script or notebook."""
 
 from __future__ import annotations
 
+import inspect
+import json
+import sys
 import threading
+import warnings
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
-from click.testing import CliRunner
 
 import cldit
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
 from cldit.acquisition.preview import Preview
-from cldit.cli import main
+from cldit.acquisition.progress import Progress
+from cldit.api.progress_bars import NotebookBar, progress_bar
+from cldit.cli.console import ProgressBar
+from cldit.errors import EvaluationError, RunFolderError
 from cldit.rig.drivers import describe_drivers
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import KINDS
 from tests.bench.rig import bench_rig
+from tests.extras import needs
 from tests.journals import read_journal
+from tests.laboratory import laboratory
+from tests.measured_files import write_measured
 from tests.patience import HANG_s
 
 
@@ -88,15 +99,6 @@ def test_dry_run(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> N
     assert not (tmp_path / "a").exists()
 
 
-def test_dry_run_command(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig))
-    (tmp_path / "plan.yaml").write_text(tiny_plan.dump())
-    arguments = ["acquire", *(str(tmp_path / f"{n}.yaml") for n in ("rig", "plan")), "--dry-run"]
-    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
-    assert result.exit_code == 0 and "10 shots at 2 backgrounds" in result.output
-    assert not (tmp_path / "a").exists()
-
-
 def test_bench_loses_nothing(tmp_path: Path) -> None:
     result = bench_rig(tmp_path, frames=20, frames_per_shot=4, repeats=2, sensor=(64, 48))
     assert result.lost == 0 and min(result.frames_per_s) > 0.0
@@ -112,3 +114,121 @@ def test_every_driver_says_on_what_it_was_tested() -> None:
         simulated = name.startswith("simulated")
         assert about.tested.startswith("simulated" if simulated else "untested on hardware"), name
         assert simulated == (about.needs == ())
+
+
+@needs("xarray", extra="studies")
+def test_an_evaluation_is_drawn_compared_and_stored(tmp_path: Path) -> None:
+    folder = tmp_path / "july"
+    folder.mkdir()
+    write_measured(folder, laboratory(1, shape=(24, 40)))
+    data = cldit.evaluate(folder)
+    for name in data.apparent_temperature_K.ancillary_variables.split():
+        assert name in data
+    assert "apparent_temperature_total_error_K" in data.apparent_temperature_K.ancillary_variables
+    assert cldit.plot(data).axes[0].get_xlabel() == "x / mm"
+    assert len(cldit.plot(data, "errors").axes) == 4  # two pictures, two colour bars
+    budget = cldit.plot(data, "budget").axes[0]
+    assert "walls" in " ".join(label.get_text() for label in budget.get_yticklabels())
+
+    stored = json.loads((folder / "maps" / "evaluation.json").read_text())
+    names = [Path(one["path"]).name for one in stored["origin"]["inputs"]]
+    assert "measured.yaml" in names and len(names) > 3
+    assert all(len(one["sha256"]) == 64 for one in stored["origin"]["inputs"])
+    assert json.loads(data.attrs["evaluation"])["origin"]["inputs"] == []
+
+    found = cldit.compare(folder, folder).differences[0]
+    assert found.same and found.stated_K[0] is not None
+
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf", reason="the extra studies is not installed")
+    path = tmp_path / "july.nc"
+    data.to_netcdf(path, engine="h5netcdf")
+    back = xarray.open_dataset(path, engine="h5netcdf", mask_and_scale=False)
+    assert back.equals(data) and back.attrs["title"] == data.attrs["title"]
+    np.testing.assert_allclose(back.x.values, data.x.values)
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What a kernel would show, one after the other."""
+    found: list[str] = []
+    package: Any = ModuleType("IPython")
+    package.get_ipython = lambda: SimpleNamespace(kernel=object())
+    display: Any = ModuleType("IPython.display")
+    display.HTML = str
+    display.display = lambda html, display_id: SimpleNamespace(update=found.append)
+    package.display = display
+    monkeypatch.setitem(sys.modules, "IPython", package)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    return found
+
+
+def test_a_notebook_shows_lines_and_a_bar(shown: list[str]) -> None:
+    with progress_bar() as bar:
+        assert isinstance(bar, NotebookBar)
+        bar.say("a < b")
+        bar.watch(Progress("shots", 3, 10, None))
+    assert shown[0] == "<small>a &lt; b</small>"
+    assert '<progress max="10" value="3">' in shown[1] and "shots 3/10" in shown[1]
+    assert shown[-1] == ""  # nothing stays
+
+
+def test_elsewhere_it_is_the_terminals(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "IPython", raising=False)
+    with progress_bar() as bar:
+        assert isinstance(bar, ProgressBar)
+
+
+COMMANDS = ("fit", "plan", "sweep", "import_case", "export", "view", "compare", "evaluate")
+
+
+def test_every_name_is_there() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in cldit.__all__:
+            assert getattr(cldit, name) is not None
+    assert set(COMMANDS) < set(dir(cldit))
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        _ = cldit.simulat
+
+
+@pytest.mark.parametrize("name", ["parse_scene", "dump_scene", "open_device", "run_experiment"])
+def test_old_names_name_their_successor(name: str) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"cldit\.{name} is cldit\.\w+"):
+        assert callable(getattr(cldit, name))
+
+
+def test_public_functions_state_arguments_and_errors() -> None:
+    """Args, and what is returned or raised, in the docstring of each function."""
+    for name in cldit.__all__:
+        public = getattr(cldit, name)
+        if not inspect.isfunction(public) or not inspect.signature(public).parameters:
+            continue
+        text = inspect.getdoc(public) or ""
+        assert "Args:" in text and ("Raises:" in text or "Returns:" in text), name
+
+
+def test_scene_from_a_mapping_and_as_yaml() -> None:
+    scene = cldit.load_scene("empty")
+    assert cldit.Scene.from_dict(yaml.safe_load(scene.to_yaml())) == scene
+
+
+def test_recording_needs_a_folder() -> None:
+    with pytest.raises(EvaluationError, match=r"record=True: allowed: with `out`"):
+        cldit.simulate("empty", record=True)
+    with pytest.raises(EvaluationError, match=r"record=True"):
+        cldit.simulate("empty", "there", record=True, like=object())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("error_K", "quantile", "text"),
+    [(0.0, 0.9, "error_K: 0"), (1.0, 1.5, "quantile: 1.5")],
+)
+def test_a_plan_is_checked_before_it_traces(error_K: float, quantile: float, text: str) -> None:
+    with pytest.raises(EvaluationError, match=text):
+        cldit.plan("empty", error_K, quantile=quantile)
+
+
+def test_a_view_needs_a_folder() -> None:
+    with pytest.raises(RunFolderError, match="view: no folder"):
+        cldit.view()

@@ -10,14 +10,10 @@ import pytest
 
 from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.openfoam.case import read_openfoam
-from cldit.cfd.to_spray import read_cfd
-from cldit.errors import SprayError
 from cldit.io.progress import silent
-from cldit.scene import Scene
-from cldit.scene.delays import scene_at
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.reading import FRAME, notes_of, read
+from tests.unit.cfd.reading import notes_of, read
 from tests.unit.cfd.vtkfiles import cell_arrays
 
 NOZZLE = (0.5e-3, 9e-3, 0.1e-3)
@@ -86,21 +82,6 @@ def test_every_form_gives_what_was_written(
     assert not spray.remarks  # nozzle and axis were given
 
 
-def test_boxes_are_the_cells_where_those_are_boxes(tmp_path: Path) -> None:
-    block, gas, _ = foam.sample()
-    foam.write(tmp_path, block, gas=gas)
-    vapour = read(tmp_path, axis="-z", nozzle_m=(0, 0, 0), sector={"angle_deg": 360}).vapour
-    assert vapour is not None
-    corners = vapour.cells.lower_m.reshape(2, 4, 3, 3), vapour.cells.upper_m.reshape(2, 4, 3, 3)
-    for axis, edge in enumerate(block.edges):
-        along = (2 - axis,)
-        shape = [1, 1, 1]
-        shape[along[0]] = -1
-        for corner, expected in zip(corners, (edge[:-1], edge[1:]), strict=True):
-            wanted = np.broadcast_to(expected.reshape(shape), (2, 4, 3))
-            assert corner[..., axis] == pytest.approx(wanted, abs=1e-16, rel=0)
-
-
 @pytest.mark.parametrize("barycentric", ["", "coordinates"])
 def test_decomposed(tmp_path: Path, barycentric: str) -> None:
     block, gas, cloud = foam.sample()
@@ -134,22 +115,6 @@ def test_times(tmp_path: Path) -> None:
     for wanted, fuel in ((None, 0.4), (0.001, 0.3), (2.5e-5, 0.2), (0.0, 0.1)):
         spray = read(tmp_path, time_s=wanted)
         assert spray.notes["vapour_mass_fraction_max"] == fuel
-
-
-def test_a_case_of_several_times_at_each_delay(tmp_path: Path) -> None:
-    """A delay is a time of the case, and one that it lacks is refused with those that there are."""
-    block, gas, _ = foam.sample()
-    for time, fuel in (("0.0005", 0.1), ("0.001", 0.2)):
-        foam.write(tmp_path, block, gas=gas | {"C7H16": fuel}, time=time)
-    scene = Scene(name="case", spray=CfdSpray(file=tmp_path, **FRAME))
-    for delay_s, fuel in ((0.5e-3, 0.1), (1e-3, 0.2)):
-        spray = scene_at(scene, delay_s).spray
-        assert isinstance(spray, CfdSpray)
-        assert read_cfd(spray).notes["vapour_mass_fraction_max"] == fuel
-    lacking = scene_at(scene, 2e-3).spray
-    assert isinstance(lacking, CfdSpray)
-    with pytest.raises(SprayError, match=r"no time 0\.002 s.*available: 0\.0005, 0\.001"):
-        read_cfd(lacking)
 
 
 def test_mesh_that_moves(tmp_path: Path) -> None:

@@ -16,11 +16,6 @@ from tests.unit.cfd.reading import notes_of, refused
 CLOUD = "0.001/lagrangian/sprayCloud"
 
 
-def cut(file: Path, fraction: float = 0.6) -> None:
-    whole = file.read_bytes()
-    file.write_bytes(whole[: int(len(whole) * fraction)])
-
-
 def replace(file: Path, old: bytes, new: bytes) -> None:
     """The first match of a regular expression."""
     changed, count = re.subn(old, new, file.read_bytes(), count=1)
@@ -34,10 +29,8 @@ MISSING: list[tuple[str, str]] = [
     ("0.001/T", "0.001: no cell field 'T'; it has: C7H16, p, rho"),
     ("0.001/C7H16", r"no cell field 'C7H16' \(spray.fuel_field\); it has: T, p, rho"),
     ("constant/polyMesh/points", "constant/polyMesh/points: is missing"),
-    ("constant/polyMesh/neighbour", "constant/polyMesh/neighbour: is missing"),
     (f"{CLOUD}/d", "sprayCloud: cloud 'sprayCloud' has no field 'd'; it has: T, U, nParticle, rho"),
     (f"{CLOUD}/nParticle", "has no field 'nParticle'"),
-    (f"{CLOUD}/rho", "has no field 'rho'"),
     (f"{CLOUD}/positions", "sprayCloud: the cloud 'sprayCloud' has neither positions nor coord"),
 ]
 
@@ -56,18 +49,13 @@ CHANGES: list[tuple[str, bytes, bytes, str]] = [
         b"\n(\nnan\n",
         r"0.001/T: nan \(entry 0\) is outside 1..5000 .*; this cell is at \(",
     ),
-    ("0.001/T", FIRST, b"\n(\n-3\n", r"0.001/T: -3 \(entry 0\) is outside"),
     ("0.001/T", FIRST, b"\n(\nabc\n", "0.001/T: (truncated or|contains text)"),
     ("0.001/T", rb"\n24\n\(\n[^\n]+", b"\n23\n(", "0.001/T: 23 values, but the mesh has 24 cells"),
-    ("0.001/T", b"internalField", b"external", "0.001/T: has no internalField"),
     ("0.001/T", b"nonuniform", b"uniform", "0.001/T: internalField is .uniform List"),
     ("0.001/T", b"FoamFile", b"Foam", "0.001/T: is not an OpenFOAM file"),
     ("0.001/C7H16", FIRST, b"\n(\n1.2\n", "C7H16: 1.2 .* it must be the mass fraction"),
-    ("0.001/C7H16", FIRST, b"\n(\n-0.1\n", "C7H16: -0.1 "),
     ("0.001/rho", FIRST, b"\n(\ninf\n", r"0.001/rho: inf \(entry 0\) is outside 0..2000"),
     (f"{CLOUD}/d", FIRST, b"\n(\n9\n", "sprayCloud/d: 9 .* diameter of a droplet in metres"),
-    (f"{CLOUD}/d", FIRST, b"\n(\n-1\n", "sprayCloud/d: -1 "),
-    (f"{CLOUD}/d", FIRST, b"\n(\n-nan\n", "sprayCloud/d: nan "),
     (f"{CLOUD}/nParticle", FIRST, b"\n(\n-1\n", "sprayCloud/nParticle: -1 "),
     (f"{CLOUD}/T", FIRST, b"\n(\n1e5\n", r"sprayCloud/T: 100000 \(entry 0\) .*in K"),
     (f"{CLOUD}/rho", FIRST, b"\n(\n0.6\n", "sprayCloud/rho: 0.6 .* density in kg/m3"),
@@ -87,7 +75,6 @@ CHANGES: list[tuple[str, bytes, bytes, str]] = [
     (f"{CLOUD}/positions", rb"(?s)\n17\n\(.*\)\n", b"\n0()\n", "has no parcel; choose another"),
     ("constant/polyMesh/owner", FIRST, b"\n(\n-1\n", "polyMesh: owner labels -1 to 23"),
     ("constant/polyMesh/owner", FIRST, b"\n(\n0.5\n", "owner: a label is no whole"),
-    ("constant/polyMesh/owner", FIRST, b"\n(\n1e300\n", "owner: a label is no whole"),
     ("constant/polyMesh/neighbour", FIRST, b"\n(\n900\n", "24 values, but the mesh has 901 cells"),
     ("constant/polyMesh/faces", rb"\n\(\n4\(\d+", b"\n(\n4(99999", "polyMesh: point labels"),
     ("constant/polyMesh/faces", rb"\n\(\n4\(", b"\n(\n7(", "faces: truncated or damaged"),
@@ -119,11 +106,9 @@ def test_a_binary_list_without_its_length(tmp_path: Path) -> None:
     ("change", "message"),
     [
         (lambda row: row.__setitem__(4, 24), "a parcel in cell 24, but the mesh has 24"),
-        (lambda row: row.__setitem__(4, -1), "a parcel in cell"),
         (lambda row: row.__setitem__(5, 9999), "a parcel in face 9999"),
         (lambda row: row.__setitem__(4, (row[4] + 7) % 24), r"parcel 0: face \d+ does not belong"),
         (lambda row: row.__setitem__(6, 3), "parcel 0: point 3 of a face of 4 points"),
-        (lambda row: row.__setitem__(6, 0), "parcel 0: point 0 of a face"),
         (lambda row: row.__setitem__(0, 7.0), "do not sum to one"),
     ],
 )

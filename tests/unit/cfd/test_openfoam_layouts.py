@@ -1,4 +1,4 @@
-"""Regions, times and places of parcels in OpenFOAM cases: what is meant, and who else claims it."""
+"""Regions, times, places of parcels and collated files in OpenFOAM cases."""
 
 from __future__ import annotations
 
@@ -6,22 +6,18 @@ import gzip
 import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from cldit.cfd.formats import contents
+from cldit.cfd.importing import list_case
+from cldit.cfd.openfoam.regions import is_openfoam
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-
-
-def sample(folder: Path, **keys: Any) -> Path:
-    block, gas, cloud = foam.sample()
-    return foam.write(folder, block, gas=gas, cloud=cloud, **keys)
+from tests.unit.cfd.reading import FRAME, notes_of, read, refused, same
 
 
 def region(case: Path, name: str, time: str = "0.001") -> None:
@@ -35,8 +31,8 @@ def region(case: Path, name: str, time: str = "0.001") -> None:
 
 
 def test_regions(tmp_path: Path) -> None:
-    expected = notes_of(sample(tmp_path / "plain"))
-    case = sample(tmp_path / "case")
+    expected = notes_of(foam.case(tmp_path / "plain"))
+    case = foam.case(tmp_path / "case")
     (case / "case.foam").touch()
     region(case, "gas")
     spray = read(case / "case.foam")
@@ -65,7 +61,7 @@ def test_regions(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("time", ["-12.5", "-3e-05", "345", "1e-3", "0"])
 def test_any_number_is_a_time(tmp_path: Path, time: str) -> None:
-    case = sample(tmp_path, time=time)
+    case = foam.case(tmp_path, time=time)
     assert notes_of(case)["time_s"] == float(time)
     assert notes_of(case, time_s=float(time))["time_s"] == float(time)
     assert notes_of(case, time_s="latest")["time_s"] == float(time)
@@ -76,14 +72,14 @@ def test_any_number_is_a_time(tmp_path: Path, time: str) -> None:
 
 
 def test_two_claims(tmp_path: Path) -> None:
-    case = sample(tmp_path / "case")
+    case = foam.case(tmp_path / "case")
     (case / "0.001" / "T.gz").write_bytes(gzip.compress((case / "0.001" / "T").read_bytes()))
     refused(case, r"2 claim to be .*001/T: .*001/T, .*T\.gz")
     (case / "0.001" / "T.gz").unlink()
     shutil.copytree(case / "0.001", case / "1e-3")
     refused(case, r"2 claim to be time 0\.001: .*0\.001, .*1e-3")
     shutil.rmtree(case / "1e-3")
-    sample(case / "processor0")
+    foam.case(case / "processor0")
     for root, age in ((case, 0), (case / "processor0", 100)):
         for file in (root / "0.001").iterdir():
             os.utime(file, (1e9 - age, 1e9 - age))
@@ -94,9 +90,9 @@ def test_two_claims(tmp_path: Path) -> None:
 
 
 def test_processor_without_cells(tmp_path: Path) -> None:
-    expected = notes_of(sample(tmp_path / "plain"))
+    expected = notes_of(foam.case(tmp_path / "plain"))
     case = tmp_path / "case"
-    sample(case / "processor0")
+    foam.case(case / "processor0")
     form, empty = foam.form(), case / "processor1" / "constant" / "polyMesh"
     for name, kind in (
         ("points", "vectorField"),
@@ -113,7 +109,7 @@ def test_processor_without_cells(tmp_path: Path) -> None:
 
 def test_parcels_in_another_place(tmp_path: Path) -> None:
     """The Lagrangian library of OpenFOAM 13 has folders of its own."""
-    case = sample(tmp_path)
+    case = foam.case(tmp_path)
     old = case / "0.001" / "lagrangian"
     for new in ("Lagrangian/cloud", "cloud"):
         (case / "0.001" / new).parent.mkdir(exist_ok=True)
@@ -164,3 +160,100 @@ def test_mapping_of_an_openfoam_case(tmp_path: Path) -> None:
     found = read_cfd(CfdSpray(file=case, mapping=mapping, nozzle_m=FRAME["nozzle_m"]))
     assert found.notes == expected
     refused(case, r"no cell field 'C7H16'|has no field 'd'")
+
+
+HEAD = b"FoamFile { version 2.0; format binary; %s class decomposedBlockData; }\n// * //\n"
+
+
+def collate(parts: list[Path], folder: Path, *, headers: bool = False) -> None:
+    """One file of blocks from each file that a part has; later blocks without their header, unless
+    `headers`. A part that lacks the file has an empty block."""
+    names = sorted({each.relative_to(part) for part in parts for each in part.rglob("*")})
+    for name in names:
+        files = [part / name for part in parts]
+        if not any(file.is_file() for file in files):
+            continue
+        contents = [file.read_bytes() if file.is_file() else b"" for file in files]
+        full = next(content for content in contents if content)
+        head, body = full[: full.index(b"}") + 1], contents
+        if not contents[0]:
+            body = [head + b"\n0\n()\n", *contents[1:]]
+        arch = b'arch "LSB;label=32;scalar=64";' if b"arch" in head else b""
+        out = HEAD % arch
+        for number, content in enumerate(body):
+            inside = content if number == 0 or headers else content[content.find(b"}") + 1 :]
+            out += b"\n// Processor%d\n%d\n(%s)\n" % (number, len(inside), inside)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(out)
+
+
+def decomposed(case: Path, *, binary: bool, barycentric: str = "") -> list[Path]:
+    """Three processors side by side; the spray has reached the last two."""
+    block, gas, cloud = foam.sample()
+    form = foam.form(binary=binary)
+    parts = []
+    for number in range(3):
+        wide = np.array([0.02 * number, 0.0, 0.0])
+        moved = foam.block((block.edges[0] + wide[0], block.edges[1], block.edges[2]))
+        own = None if number == 0 else cloud | {"position": cloud["position"] + wide}
+        own_gas = gas | {"T": gas["T"] + number}
+        part = case / f"processor{number}"
+        foam.write(part, moved, gas=own_gas, cloud=own, form=form, barycentric=barycentric)
+        parts.append(part)
+    return parts
+
+
+@pytest.mark.parametrize("barycentric", ["", "coordinates"])
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("folders", ["one", "two", "headers"])
+def test_it_is_the_decomposed_case(
+    tmp_path: Path, folders: str, binary: bool, barycentric: str
+) -> None:
+    parts = decomposed(tmp_path / "apart", binary=binary, barycentric=barycentric)
+    wanted = read(tmp_path / "apart")
+    case = tmp_path / "together"
+    if folders == "two":
+        collate(parts[:1], case / "processors3_0-0")
+        collate(parts[1:], case / "processors3_1-2")
+    else:
+        collate(parts, case / "processors3", headers=folders == "headers")
+    assert is_openfoam(case)
+    found = read(case)
+    assert found.notes["parcels"] == 2 * 17 and same(found, wanted)
+    listed = "\n".join(list_case(CfdSpray(file=case)))
+    assert "C7H16" in listed and "sprayCloud" in listed
+
+
+def test_damaged_cases(tmp_path: Path) -> None:
+    parts = decomposed(tmp_path / "apart", binary=True)
+    case = tmp_path / "case"
+    collate(parts, case / "processors3")
+
+    file = case / "processors3" / "0.001" / "T"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) * 2 // 3])
+    refused(case, r"processors3/0.001/T: truncated or damaged: block \d does not end")
+    collate(parts[:2], case / "processors3")
+    file.write_bytes(whole)
+    refused(case, r"truncated, or of fewer processors: 2 blocks, no block 2")
+    shutil.rmtree(case)
+    # A value, a NaN for instance, is told with the block that it is in.
+    d = parts[1] / "0.001" / "lagrangian" / "sprayCloud" / "d"
+    d.write_bytes(d.read_bytes().replace(b"17\n(", b"16\n("))
+    collate(parts, case / "processors3")
+    refused(case, r"sprayCloud/d, block 1: truncated, or its header is wrong")
+    shutil.rmtree(case)
+    collate(parts, case / "processors3_0-1")
+    refused(case, r"no folder for processor 2 of 3; it has processors3_0-1")
+    collate(parts, case / "processors4")
+    refused(case, r"decomposed in more than one way: processors3_0-1, processors4")
+
+
+def test_folder_and_file_must_agree(tmp_path: Path) -> None:
+    parts = decomposed(tmp_path / "apart", binary=False)
+    collate(parts, tmp_path / "case" / "processors3")
+    mesh = Path("constant") / "polyMesh" / "points"
+    shutil.copy(parts[0] / mesh, tmp_path / "case" / "processors3" / mesh)
+    refused(tmp_path / "case", "points: is not collated, but in a folder")
+    collate(parts[:1], parts[1])
+    refused(tmp_path / "apart", "is collated, but not in a folder processorsN")

@@ -226,26 +226,6 @@ def test_a_surface_is_left_out_by_name(tmp_path: Path) -> None:
     assert "walls.vtp" in said[0]
 
 
-def test_hidden_cells_and_parcels(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
-    grid, drops = block_grid(block, gas), cloud_data(cloud)
-    hidden = np.zeros(block.cells, dtype=np.uint8)
-    hidden[[0, 7]] = 32
-    mark_ghosts(grid.GetCellData(), hidden)
-    copied = np.zeros(17, dtype=np.uint8)
-    copied[3] = 1
-    mark_ghosts(drops.GetPointData(), copied)
-    save(tmp_path / "gas.vtu", grid)
-    save(tmp_path / "drops.vtp", drops)
-    found = notes_of(tmp_path)
-    shown, kept = hidden == 0, copied == 0
-    mass = np.sum((gas["rho"] * gas["C7H16"] * block.volume)[shown])
-    assert found["vapour_mass_kg"] == pytest.approx(mass, rel=5e-6)
-    liquid = cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3
-    assert found["liquid_mass_kg"] == pytest.approx(liquid[kept].sum(), rel=1e-6)
-    assert found["parcels"] == 16
-
-
 @pytest.mark.parametrize("density", [True, False])
 def test_point_data_keep_the_mass(tmp_path: Path, density: bool) -> None:
     """Each corner stands for an eighth of each of its cells: the masses are sums over corners."""

@@ -209,23 +209,6 @@ def test_span_about_an_axis() -> None:
     assert azimuth_span(box, np.array([1.5, 1.25, 0.0]), axis)[0] > 270.0
 
 
-def test_a_whole_mesh_is_recognised_by_few_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At 9b31a35 the azimuths of all corners took half of the time of a large table."""
-    edges = np.linspace(-1.0, 1.0, 41)
-    place = np.stack(np.meshgrid(edges, edges, edges, indexing="ij"), axis=-1).reshape(-1, 3)
-    measured = 0
-
-    def counted(y: Any, x: Any) -> Any:
-        nonlocal measured
-        measured += len(x)
-        return np.angle(x + 1j * y)
-
-    monkeypatch.setattr("cldit.cfd.sectors.np.arctan2", counted)
-    box, axis = BoxMesh(place - 0.02, place + 0.02, "box"), np.array([0.0, 0.0, 1.0])
-    assert azimuth_span(box, np.zeros(3), axis, enough_deg=185.0)[0] > 185.0
-    assert measured < 8 * len(place) / 50
-
-
 def test_sections_that_are_not_allowed() -> None:
     for wrong in (7.0, 400.0, 0.1):
         with pytest.raises(ValidationError):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +13,9 @@ from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.io.origin import FileRead, files_read
-from cldit.run.result import RunInfo
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 
-DATA = Path(__file__).parents[2] / "data" / "run-0.1.0"
 PLACE = ("--axis", "-y", "--nozzle", "0", "0.009", "0")
 
 
@@ -57,15 +53,6 @@ def test_import_prints_and_keeps_them(tmp_path: Path) -> None:
     for file in kept[1:]:
         assert file.sha256 == hashlib.sha256(Path(file.path).read_bytes()).hexdigest()
         assert f"read {file.path} ({file.bytes} bytes, " in done.output.replace("\n", "")
-
-
-def test_a_run_keeps_them(tmp_path: Path) -> None:
-    file = tmp_path / "a.txt"
-    file.write_bytes(b"abc")
-    old = RunInfo.from_dict(json.loads((DATA / "run.json").read_text()))
-    assert old.files == ()
-    info = replace(old, files=files_read([file]))
-    assert RunInfo.from_dict(json.loads(info.to_json())) == info
 
 
 @pytest.mark.parametrize("new", [True, False])

@@ -1,4 +1,4 @@
-"""What scripts and shells rely on: `--json`, exit status, completion, width, colour, imports."""
+"""What scripts and shells rely on: `--json`, units, exit status, completion, width, colour."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,16 +16,23 @@ from typing import Any
 import click
 import numpy as np
 import pytest
+import yaml
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
+from cldit import __version__
+from cldit.acquisition.progress import Progress
+from cldit.acquisition.storage import JOURNAL
 from cldit.cli import main
+from cldit.cli.acquire import RecordingBar
 from cldit.cli.as_json import Outcome, json_option, plain
 from cldit.cli.console import OUT, plain_errors
-from cldit.cli.program import Exit
+from cldit.cli.options import KELVIN, Quantity
+from cldit.cli.program import Exit, LazyGroup
 from cldit.errors import SceneError
 from cldit.spray.result import Parcels, Spray
 from cldit.spray.spray_file import write_spray
+from tests.journals import read_journal
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
 
@@ -83,12 +91,6 @@ def test_json_of_an_import(tmp_path: Path) -> None:
     data = found("import", tmp_path / "own.npz")
     assert data["case"] == str(tmp_path / "own.npz") and data["out"] is None
     assert data["figures"]["liquid_mass_kg"] == pytest.approx(parcels.mass_kg)
-
-
-def test_json_of_a_difference() -> None:
-    data = found("compare", WRITTEN, WRITTEN)
-    assert data["within"] and data["maps"][0]["name"] == "apparent_temperature_K"
-    assert data["maps"][0]["rms"] == 0.0
 
 
 def test_diff_is_compare_with_a_warning() -> None:
@@ -218,19 +220,6 @@ def test_completion(line: str, expected: set[str]) -> None:
     assert {one.value for one in shell.get_completions(words, last)} == expected
 
 
-def test_completion_as_bash_asks_for_it() -> None:
-    done = cldit(_CLDIT_COMPLETE="bash_complete", COMP_WORDS="cldit scenes --sc", COMP_CWORD="2")
-    assert done.stdout == "plain,--schema\n"
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_scripts(shell: str) -> None:
-    """Bash's script asks bash for its version."""
-    if shell == "bash" and not Path("/bin/bash").exists():
-        pytest.skip("needs bash")
-    assert "_CLDIT_COMPLETE" in cldit(_CLDIT_COMPLETE=f"{shell}_source").stdout
-
-
 def loaded_by(words: list[str], **environment: str) -> set[str]:
     code = (
         "import sys; from cldit.cli import main\n"
@@ -259,3 +248,77 @@ def test_help_and_completion_load_no_command(environment: dict[str, str]) -> Non
     assert ours == {"cldit", "cldit.cli", "cldit.cli.program", "cldit.errors", "cldit.io",
                     "cldit.io.extras", "cldit.io.presented", "cldit.io.terminal"}  # fmt: skip
     assert not modules & {"numpy", "rich", "yaml", "pydantic", "matplotlib", "pyopencl"}
+
+
+@pytest.mark.parametrize("text", ["0.1", "0.1K", "0.1 K", " 1e-1K"])
+def test_unit_may_be_written(text: str) -> None:
+    assert KELVIN.convert(text, None, None) == 0.1
+
+
+def test_default_passes() -> None:
+    assert Quantity("s").convert(0.5, None, None) == 0.5
+
+
+@pytest.mark.parametrize("text", ["", "K", "0.1mK", "0.1s", "warm", "1K2"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(click.BadParameter, match=r"not a number of K; allowed: e\.g\. 0\.1K"):
+        KELVIN.convert(text, None, None)
+
+
+def test_ctrl_c(tiny_rig: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the first shot; the rig is made safe."""
+    rig, plan, out = tmp_path / "rig.yaml", tmp_path / "plan.yaml", tmp_path / "shots"
+    rig.write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
+    plan.write_text("backgrounds_K: [440.0]\nshots: 3\n", encoding="utf-8")
+
+    def press(bar: RecordingBar, progress: Progress) -> None:
+        if progress.done == 1:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(RecordingBar, "watch", press)
+    result = CliRunner().invoke(main, ["acquire", str(rig), str(plan), "--out", str(out)])
+    assert result.exit_code == Exit.STOPPED
+    assert "not complete; run the same command again" in result.stderr
+    assert [entry["event"] for entry in read_journal(out / JOURNAL)][-1] == "made safe"
+
+
+SLOW = {"matplotlib", "scipy", "pyopencl", "CoolProp", "vtk"}
+
+
+@pytest.mark.parametrize("words", [["bench", "--help"], ["scenes"], ["acquire", "--help"]])
+def test_only_what_a_command_uses(words: list[str]) -> None:
+    assert not {name.partition(".")[0] for name in loaded_by(words)} & SLOW
+
+
+def test_modules_of_a_run_load_no_package_that_few_runs_use() -> None:
+    """SciPy's packages are loaded by the calls of their functions."""
+    code = (
+        "import sys, cldit.cli.run; "
+        "print(*(name for name in sys.modules if name.startswith(('scipy.', 'matplotlib'))))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[1] for name in done.stdout.split() if "." in name}
+    assert not loaded & {"special", "ndimage", "linalg", "optimize", "interpolate", "spatial"}
+    assert "matplotlib" not in done.stdout
+
+
+def test_help_says_what_click_would() -> None:
+    """Texts that are read from the sources are those of the commands, here of those soon loaded.
+
+    On wide lines, where click cuts nothing.
+    """
+    quick = {name: main.commands_at[name] for name in ("scenes", "devices", "export", "study")}
+    group = LazyGroup(commands_at=quick)
+    context = click.Context(group, info_name="cldit", terminal_width=400, max_content_width=400)
+    ours, theirs = (context.make_formatter() for _ in range(2))
+    group.format_commands(context, ours)
+    click.Group.format_commands(group, context, theirs)
+    assert ours.getvalue() == theirs.getvalue() != ""
+
+
+def test_python_m_cldit_is_the_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "cldit", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == CliRunner().invoke(main, ["--version"], prog_name="cldit").stdout
+    assert done.stdout == f"cldit, version {__version__}\n"

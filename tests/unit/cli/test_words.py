@@ -8,12 +8,16 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from cldit.cli import main
+from cldit.cli import main, sprays
+from cldit.cli import run as run_module
+from cldit.scene import Scene
+from cldit.scene.spray import CfdSpray
 from tests.bench.scene_reference import reference
 
 COMMANDS = 14
@@ -88,16 +92,6 @@ def test_an_old_option_says_what_replaces_it(words: list[str], says: str) -> Non
     assert words[2] not in CliRunner().invoke(main, [words[0], "--help"]).output.split()
 
 
-def test_options_of_a_case_are_those_of_import() -> None:
-    """`cldit run --cfd CASE` takes them, and only one help has them."""
-    run, imported = (main.get_command(click.Context(main), name) for name in ("run", "import"))
-    assert run is not None and imported is not None
-    shared = {one.name for one in run.params} & {one.name for one in imported.params}
-    hidden = {one.name for one in run.params if isinstance(one, click.Option) and one.hidden}
-    assert hidden - {"method", "phase"} == shared - {"out", "as_json", "verbose"}
-    assert len(hidden) > 10
-
-
 @pytest.mark.parametrize(
     "words",
     [
@@ -119,3 +113,52 @@ if __name__ == "__main__":
     sys.stdout.write(f"{words_of_docs()} words of docs\n")
     for name, options in commands.items():
         sys.stdout.write(f"{name} {len(options)}: {' '.join(options)}\n")
+
+
+ARGUMENTS = ["--sector", "90", "--symmetry", "x,y", "--region", "gas", "--axis", "0,-1,0"]
+ARGUMENTS += ["--nozzle", "0", "0.1", "0", "--cloud", "none", "--time", "nearest 0.001"]
+ARGUMENTS += ["--mapping", "m.yaml", "--cfd-format", "openfoam"]
+ARGUMENTS += ["--accept", "tracks", "--accept", "cells"]
+
+
+class Reached(Exception):
+    """Raised in place of the work, with the keys that it was called for."""
+
+
+def test_run_and_import_mean_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: dict[str, CfdSpray] = {}
+
+    def imported(spec: CfdSpray, *_: Any, **__: Any) -> None:
+        taken["import"] = spec
+        raise Reached
+
+    def ran(scene: Scene, *_: Any, **__: Any) -> None:
+        assert isinstance(scene.spray, CfdSpray)
+        assert scene.transport.accuracy_K == 1.0  # not what the spray of gdi allows
+        taken["run"] = scene.spray
+        raise Reached
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sprays, "imported", imported)
+    monkeypatch.setattr(run_module, "simulate", ran)
+    for command, arguments in (
+        (sprays.import_command, ["case"]),
+        (run_module.run, ["gdi", "--cfd", "case", "--trace-only"]),
+    ):
+        result = CliRunner().invoke(command, [*arguments, *ARGUMENTS])
+        assert isinstance(result.exception, Reached), result.output
+    same = {"file", "mapping"}  # paths, which a run resolves
+    assert taken["run"].model_dump(exclude=same) == taken["import"].model_dump(exclude=same)
+    assert taken["run"].file == tmp_path / "case"
+    assert taken["run"].mapping == tmp_path / "m.yaml"
+    assert taken["import"].sector is not None
+    assert taken["import"].sector.angle_deg == 90.0
+    assert taken["import"].symmetry == ("x", "y")
+    assert taken["import"].accept == ("tracks", "cells")
+    assert taken["import"].axis == (0.0, -1.0, 0.0)
+
+
+def test_axis_is_a_direction() -> None:
+    result = CliRunner().invoke(sprays.import_command, ["case", "--axis", "0,down,0"])
+    assert result.exit_code == click.BadParameter.exit_code
+    assert "'0,down,0' is not a direction" in result.output

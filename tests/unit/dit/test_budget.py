@@ -14,16 +14,6 @@ from cldit.io.images import read_image
 from cldit.radiance.boundary import Surroundings, Uncertainty
 from tests.laboratory import AROUND, FILTER_UM, laboratory
 
-NOTHING = Uncertainty(
-    background_calibration_K=0.0,
-    background_uniformity_K=0.0,
-    background_emissivity=0.0,
-    wall_temperature_K=0.0,
-    window_temperature_K=0.0,
-    window_transmission=0.0,
-    filter_um=0.0,
-)
-
 
 def _warmer_window(surroundings: Surroundings) -> Surroundings:
     front, rear = surroundings.windows
@@ -109,11 +99,3 @@ def test_a_front_window_drops_out_and_the_total_is_the_root_of_squares(tmp_path:
     names = [line.split(":")[0].strip() for line in budget.lines[1:]]
     assert names[0].startswith("statistical") and names[-1] == "total"
     assert list(budget.to_dict()) == names
-
-
-def test_what_is_stated_well_adds_nothing() -> None:
-    shots = laboratory(4, shape=(24, 40))
-    shots.recorded.surroundings = replace(AROUND, uncertainty=NOTHING)
-    evaluation = evaluate_shots(shots.recorded)
-    assert evaluation.budget is not None
-    assert np.nanmax(evaluation.budget.kelvin) < 1e-6

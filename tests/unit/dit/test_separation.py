@@ -17,7 +17,7 @@ from cldit.acquisition.plan import load_plan
 from cldit.api.planning import separate
 from cldit.arrays import Floats
 from cldit.cli import main
-from cldit.comparison.rivals import check_rivals, in_band
+from cldit.comparison.rivals import check_rivals
 from cldit.dit.design import MOST_SHOTS, BlackBody
 from cldit.dit.fit import apparent_radiance, fit_pair
 from cldit.dit.separation import (
@@ -319,13 +319,6 @@ def test_other_views_are_refused() -> None:
     gdi = load_scene("gdi-cone")
     with pytest.raises(EvaluationError, match=r"camera\.field_m: .*0\.0645.* in gdi-cone, .*0\.1"):
         check_rivals(gdi, gdi.with_(**{"camera.field_m": [0.1, 0.1]}))
-
-
-def test_a_band_changes_the_optics_alone() -> None:
-    cone, band = load_scene("gdi-cone"), load_scene("gdi-extinction")
-    seen = in_band(cone, band)
-    assert seen.optics == band.optics and seen.transport.phase == "mie"
-    assert seen.spray == cone.spray and seen.camera == cone.camera
 
 
 def test_a_plan_names_the_filter_of_its_band(

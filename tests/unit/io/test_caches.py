@@ -1,4 +1,4 @@
-"""Homes that cannot be written, as users of containers have them."""
+"""Homes that cannot be written, as users of containers have them, and memory that is free."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cldit.errors import FileError
+from cldit.io import free_memory
 from cldit.io.caches import default_cache
 
 CODE = (
@@ -94,3 +95,48 @@ def test_a_full_folder_of_compiled_kernels_is_replaced(
     assert caches.pocl_cache().is_relative_to(temporary)
     assert default_cache() == home / "cldit"
     assert f"POCL_CACHE_DIR: {home / 'pocl'} cannot be written or is full" in caplog.text
+
+
+on_linux = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="nobody says what is free elsewhere"
+)
+
+
+@on_linux
+def test_no_more_than_there_is() -> None:
+    free = free_memory.free_bytes()
+    total = free_memory._fields(Path("/proc/meminfo"))["MemTotal"] * 1024
+    assert free is not None
+    assert 0 < free <= total
+
+
+@on_linux
+def test_ulimit_counts() -> None:
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9)); "
+        "from cldit.io.free_memory import free_bytes; print(free_bytes())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert 0 < int(done.stdout) < 10**9
+
+
+@on_linux
+def test_control_group_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_memory, "_GROUPS", tmp_path)
+    own = Path("/proc/self/cgroup").read_text(encoding="utf-8")
+    if not any(line.startswith("0::") for line in own.splitlines()):
+        pytest.skip("control groups of version 1")
+    (tmp_path / "memory.max").write_text("1000000\n")
+    (tmp_path / "memory.current").write_text("700000\n")
+    (tmp_path / "memory.stat").write_text("anon 600000\ninactive_file 50000\n")
+    assert free_memory.free_bytes() == 350_000
+    (tmp_path / "memory.max").write_text("max\n")
+    free = free_memory.free_bytes()
+    assert free is not None
+    assert free > 350_000
+
+
+@on_linux
+def test_the_kernels_own_figure_is_in_kibibytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_memory, "_fields", lambda path: {"MemAvailable": 3})
+    assert list(free_memory._machine()) == [3072]

@@ -1,7 +1,11 @@
-"""Files appear whole or not at all."""
+"""Files and tables appear whole or not at all, by one writer a folder, and carry checksums."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -9,9 +13,12 @@ from threading import Barrier
 
 import numpy as np
 import pytest
+import tifffile
 
-from cldit.errors import DiskFull, EvaluationError, FileError
+from cldit.errors import DiskFull, EvaluationError, FileError, RunFolderError
+from cldit.io import files
 from cldit.io.data_streams import DataStream
+from cldit.io.exclusive import exclusive, is_empty
 from cldit.io.files import (
     append_text,
     make_folder,
@@ -23,7 +30,7 @@ from cldit.io.files import (
     written,
 )
 from cldit.io.images import read_image, write_image
-from cldit.io.tables import cached
+from cldit.io.tables import Arrays, cached
 from cldit.io.text_tables import read_table_text
 from tests.full_disk import full_disk
 from tests.patience import HANG_s
@@ -136,3 +143,125 @@ def test_long_values_are_cut_in_every_message() -> None:
     prose = "the camera's offset, of all images that were read from this folder, and the spray's"
     path = "/".join(["folder"] * 50)
     assert str(FileError(f"{path}: {prose}")) == f"{path}: {prose}"
+
+
+def test_resolution_is_pixels_per_mm_across_and_up(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    write_image(path, np.zeros((2, 3), np.float32), name="a", unit="1", pixel_m=(5e-4, 2e-3))
+    with tifffile.TiffFile(path) as file:
+        tags = file.pages.first.tags
+        across, up = (tags[name].value for name in ("XResolution", "YResolution"))
+    assert across[0] / across[1] == pytest.approx(2.0)
+    assert up[0] / up[1] == pytest.approx(0.5)
+
+
+def test_an_error_without_a_text_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As memory that does not suffice."""
+
+    def fails(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    (tmp_path / "a.tif").write_bytes(b"II*\0")
+    monkeypatch.setattr("cldit.io.images.tifffile.TiffFile", fails)
+    with pytest.raises(RunFolderError, match=r"cannot be read as TIFF \(MemoryError\)"):
+        read_image(tmp_path / "a.tif")
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from cldit.io.exclusive import exclusive
+with exclusive(Path(sys.argv[1]), "run"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def refused(folder: Path, *, nested: bool = False) -> bool:
+    try:
+        with exclusive(folder, "run", nested=nested):
+            return False
+    except RunFolderError as error:
+        assert f"{folder}: another run is running here" in str(error)
+        return True
+
+
+def test_a_second_writer_is_refused_until_the_first_dies(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None and process.stdout.readline() == "held\n"
+    assert refused(folder) and refused(folder, nested=True)
+    assert is_empty(folder)  # but for the lock
+    process.kill()
+    process.communicate(timeout=HANG_s)
+    with exclusive(folder, "run"):
+        assert refused(folder) and not refused(folder, nested=True)
+        seen: list[bool] = []
+        thread = threading.Thread(target=lambda: seen.append(refused(folder, nested=True)))
+        thread.start()
+        thread.join()
+        assert seen == [True]
+    assert not refused(folder)
+    with exclusive(tmp_path / "new", "run"):
+        pass
+    assert not (tmp_path / "new").exists()  # nothing was written
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX tells whether a process lives")
+def test_parts_of_killed_writers_are_removed(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    ours, theirs = files._HOST, f"{files._HOST}x"
+    gone = tmp_path / f"a.tif.{ours}-{dead.pid}-1.part"
+    kept = [
+        tmp_path / f"a.tif.{ours}-{os.getpid()}-1.part",
+        tmp_path / f"a.tif.{theirs}-{dead.pid}-1.part",  # of another machine
+        tmp_path / "my.part",
+    ]
+    for path in (gone, *kept):
+        path.write_bytes(b"x")
+    files.write_text(tmp_path / "b.txt", "b")
+    assert not gone.exists() and all(path.exists() for path in kept)
+
+
+def test_a_flipped_bit_of_an_image_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "emission.tif"
+    image = np.linspace(0.0, 1.0, 48, dtype=np.float32).reshape(6, 8)
+    image[0, 0] = np.nan
+    write_image(path, image, name="emission", unit="1")
+    assert np.array_equal(read_image(path)[0], image, equal_nan=True)
+    data = bytearray(path.read_bytes())
+    place = data.index(image[3].astype("<f4").tobytes())
+    data[place + 1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(RunFolderError, match=r"emission\.tif: .*not those that were recorded"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("place", [0, 10, -9, -8, -1], ids=str)
+def test_a_flipped_bit_is_noticed(place: int, tmp_path: Path) -> None:
+    """In the head, and in the lowest bits of a value, which leave it finite."""
+    made: list[Arrays] = []
+
+    def make() -> Arrays:
+        made.append({"a": np.linspace(0.0, 1.0, 5), "b": np.full((2, 2), 7.0)})
+        return made[-1]
+
+    for _ in range(2):
+        found = cached(tmp_path, kind="k", description="t", make=make)
+        np.testing.assert_array_equal(found["b"], np.full((2, 2), 7.0))
+    assert len(made) == 1
+    (path,) = tmp_path.iterdir()
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+    found = cached(tmp_path, kind="k", description="t", make=make)
+    assert len(made) == 2
+    np.testing.assert_array_equal(found["a"], made[0]["a"])
+    cached(tmp_path, kind="k", description="t", make=make)
+    assert len(made) == 2

@@ -28,14 +28,11 @@ _LAUGHS = "a0: &a0 1\n" + "\n".join(
         ("a: 1\nb: 2\na: 3\n", "line 3, column 1: duplicate key 'a', first in line 1"),
         ("1: a\n0x1: b\n", "line 2, column 1: duplicate key '0x1'"),
         ("a: &a [*a]", "contains itself"),
-        ("a: &a {b: {c: *a}}", "contains itself"),
         ("a: *b", "undefined alias"),
         (_LAUGHS, "aliases repeat more than"),
         ("a: " + "[" * 101 + "]" * 101, "deeper than 100"),
         ("a: " + "{a: " * 100_000, "deeper|nesting"),
         ("a: !!python/object:os.system {}", r"line 1, column 4: the tag .* is not allowed"),
-        ("a: !mine x", "the tag '!mine' is not allowed"),
-        ("a: !!int foo", "foo is no int"),
         (f"a: {'9' * 5000}", r"999\.\.\. is no int"),
         ("a: 0400", "0400 is octal in YAML"),
         ("a: 1:30", "1:30 is a sexagesimal number"),
@@ -90,7 +87,6 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
         (b"\xff\xfea\x00", "line 1: byte 0xff is not UTF-8"),
         (b"a: 1\nb: \xe9\n", "line 2: byte 0xe9 is not UTF-8"),
         (b"", "contains NoneType, expected keys and values"),
-        (b"- 1\n", "contains list"),
     ],
 )
 def test_encodings_and_contents(tmp_path: Path, content: bytes, message: str) -> None:
@@ -121,7 +117,6 @@ def test_too_large(tmp_path: Path) -> None:
         ('{"a": 1, "a": 2}', "duplicate key 'a'"),
         ("[" * 100_000, "too deep"),
         ("{", "Expecting property name"),
-        ("[1]", "contains list"),
         ("", "Expecting value"),
     ],
 )

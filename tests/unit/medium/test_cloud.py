@@ -123,12 +123,6 @@ def test_classes_of_a_lattice_fill_its_cells(device: Device) -> None:
     assert len(np.unique(places, axis=0)) == 1200
 
 
-def test_boxes_are_refused_outside() -> None:
-    parcels = replace(parcels_at(np.array([[0.05, 0.0, 0.0]])), extent=Box(np.full(3, 1e-3)))
-    with pytest.raises(MediumError, match="droplets"):
-        place_droplets(frame(1e-2), parcels.position_m, parcels.extent, parcels.droplets)
-
-
 def _columns(device: Device, parcels: Parcels) -> Floats:
     """Droplets of each column of 1 mm along y, of all."""
     (found,) = deposited(device, frame(1.5e-3), parcels, parcels.droplets)

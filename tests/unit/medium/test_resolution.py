@@ -77,14 +77,6 @@ def test_the_cube_is_laid_on_the_grid(
     assert needed < frame.cell_m if few else needed == frame.cell_m
 
 
-def test_a_medium_of_few_boxes_that_scatter_is_divided() -> None:
-    one = voxels((1, 1, 1), (0.08,) * 3)
-    assert needed_edge_m(CUBE, one) == pytest.approx(0.01)
-    _, (grid,) = one
-    black = source(grid.lower_m, grid.upper_m, np.ones(1), albedo=0.0)
-    assert needed_edge_m(CUBE, (None, [black])) == pytest.approx(0.08)
-
-
 def test_voxels_of_the_grid_are_the_leaves() -> None:
     """24^3 random voxels: every one is a leaf of its own value, and nothing else is stored."""
     rng = np.random.default_rng(1)

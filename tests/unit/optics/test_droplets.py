@@ -114,12 +114,6 @@ def test_outside_is_refused(paper: DropletTable, d: float) -> None:
         paper.cross_sections(np.array([1e-6, d]))
 
 
-def test_shapes(paper: DropletTable) -> None:
-    assert paper.cross_sections(np.empty(0))[0].shape == (0,)
-    assert paper.cross_sections(9e-6)[1].shape == ()
-    assert paper.cross_sections(np.full((2, 3), 9e-6))[0].shape == (2, 3)
-
-
 @pytest.mark.parametrize(
     ("wavelength_um", "n", "k"),
     [(0.0, 1.3, 0.0), (3.4, 0.0, 0.0), (3.4, 1.3, -0.1), (float("nan"), 1.3, 0.1)],
@@ -162,12 +156,6 @@ def test_cache_gives_back_what_was_built(
     assert replace(paper, n=1.0).n == 1.0
 
 
-def test_cache_that_cannot_be_written_costs_only_time(paper: DropletTable, tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("in the way")
-    assert _same(droplet_table(**PAPER, cache=blocked), paper)
-
-
 def test_many_sizes_are_those_of_each_alone(paper: DropletTable) -> None:
     """Sizes are looked up in parts; where a part ends does not matter."""
     d = np.exp(np.random.default_rng(1).uniform(np.log(1e-8), np.log(4e-4), 120_000))
@@ -204,3 +192,9 @@ def test_tables_end_where_mie_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(droplets, "check_by_miepython", lambda **_: None)
     table = droplet_table(wavelength_um=0.5, n=1.4, k=0.05, cache=None, largest_m=1e-3)
     assert 1.5e-3 < table.largest_m < 1e4 * 0.5e-6 / np.pi
+
+
+def test_cache_that_cannot_be_written_costs_only_time(paper: DropletTable, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    assert _same(droplet_table(**PAPER, cache=blocked), paper)

@@ -7,19 +7,23 @@ from __future__ import annotations
 
 import json
 from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cldit.errors import SceneError
+from cldit.optics.node_count import enough, stays_K
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter, Response
 from cldit.optics.spectral import Quadrature
 from cldit.optics.spectrum import _regrouped
-from cldit.optics.vapour import KDistribution, vapour_band
-from cldit.optics.wavelengths import _cuts
+from cldit.optics.vapour import KDistribution
+from cldit.optics.wavelengths import _cuts, elsewhere
 from cldit.optics.windows import band_pane
+from cldit.scene import load_scene
 from cldit.scene.vessel import Window
+from cldit.spray.result import Parcels, Spray
 
 KELVIN = np.array([1.0, 20.0, 77.0, 300.0, 450.0, 1234.5, 5000.0, 1e5])
 TRAPEZE = Response(((3.25, 0.0), (3.3, 0.9), (3.45, 0.9), (3.52, 0.0)))
@@ -109,6 +113,67 @@ def test_cuts_are_the_best() -> None:
         assert spread(tuple(cuts[count])) == pytest.approx(min(spread(c) for c in every), rel=1e-9)
 
 
+RISES_AGAIN = (2.9, 0.8, 0.5, 0.099, 0.39, 0.37, 0.2, 0.08, 0.09, 0.05)
+
+
+def test_the_first_below_is_not_enough_where_the_curve_rises_again() -> None:
+    assert enough(RISES_AGAIN, bound_K=0.1, limit=10) == 8
+    assert stays_K(RISES_AGAIN, 4) == 0.39
+    assert stays_K(RISES_AGAIN, 8) == 0.09
+
+
+@pytest.mark.parametrize(
+    ("bound_K", "count"), [(3.0, 1), (0.8, 2), (0.4, 4), (0.38, 6), (0.05, 10)]
+)
+def test_the_smallest_from_which_all_stay(bound_K: float, count: int) -> None:
+    assert enough(RISES_AGAIN, bound_K=bound_K, limit=10) == count
+
+
+def test_what_lies_beyond_the_most_counts() -> None:
+    """4 nodes would do if no more were tried; with 3 allowed and nothing reached, 3 stay lowest."""
+    assert enough(RISES_AGAIN[:4], bound_K=0.1, limit=4) == 4
+    assert enough(RISES_AGAIN, bound_K=0.1, limit=3) == 3
+    assert stays_K(RISES_AGAIN, 3) == 0.5
+
+
+def test_not_reached_takes_no_more_than_it_is_worth() -> None:
+    """From 2 on the error stays at 0.5, however many are taken: 2 are as good as 4."""
+    assert enough((1.0, 0.3, 0.2, 0.5), bound_K=0.1, limit=4) == 2
+
+
+def test_one_node_that_is_exact() -> None:
+    assert enough((0.0,), bound_K=0.1, limit=24) == 1
+
+
+def _spray() -> Spray:
+    nothing = np.zeros((1, 3))
+    one = np.ones(1)
+    return Spray(parcels=Parcels(nothing, 1e-5 * one, one, 300.0 * one, 700.0 * one))
+
+
+@pytest.mark.parametrize(
+    ("optics", "words"),
+    [
+        ({}, ()),
+        ({"filter_um": (3.38, 3.42)}, ()),
+        ({"filter_um": (3.25, 3.58)}, ()),
+        ({"preset": "spectral", "filter_um": (2.0, 14.0)}, ()),
+        ({"filter_um": (2.0, 14.0)}, ("constants",)),
+        ({"wavelength_um": 0.2}, ("outside the filter", "constants")),
+        ({"filter_um": (19.0, 21.0)}, ("outside the filter", "constants")),
+        ({"filter_um": (19.0, 21.0), "wavelength_um": 20.0}, ("constants",)),
+        ({"filter_um": (19.0, 21.0), "wavelength_um": 20.0, "n": 1.4, "k": 0.01}, ()),
+    ],
+)
+def test_constants_at_other_wavelengths(optics: dict[str, Any], words: tuple[str, ...]) -> None:
+    given = {"preset": "paper", **optics}
+    scene = load_scene("gdi").with_(**{f"optics.{key}": value for key, value in given.items()})
+    remarks = elsewhere(scene, _spray())
+    assert len(remarks) == len(words)
+    for remark, word in zip(remarks, words, strict=True):
+        assert word in remark and remark.startswith("optics.")
+
+
 def test_regrouped_keeps_the_mean() -> None:
     """Other weights for the same absorption: the mean stays, equal weights change nothing."""
     given = KDistribution(np.array([0.2, 0.5, 0.3]), np.array([1.0, 2.0, 10.0]))
@@ -117,11 +182,3 @@ def test_regrouped_keeps_the_mean() -> None:
     regrouped = _regrouped(given, weights)
     assert weights @ regrouped == pytest.approx(0.2 + 1.0 + 3.0)
     assert np.all(np.diff(regrouped) >= 0)
-
-
-def test_methane_lines_are_not_their_mean() -> None:
-    """A k-distribution transmits far more of a thick column than its mean does (band model)."""
-    band = vapour_band("methane")
-    groups = band.k_distribution((3.3, 3.4), temperature_K=400.0, pressure_Pa=4e5, points=16)
-    mean = float(groups.weights @ groups.absorption_m2_mol)
-    assert float(groups.transmission(3.0 / mean)) > 2.0 * np.exp(-3.0)

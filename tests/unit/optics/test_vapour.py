@@ -145,11 +145,8 @@ def test_smooth_spectrum_sorts_itself() -> None:
     ("change", "message"),
     [
         ({"filter_um": (3.5, 3.3)}, "empty"),
-        ({"filter_um": (3.4, 3.4)}, "empty"),
         ({"filter_um": (2.0, 5.0)}, "outside 2700..3250"),
-        ({"temperature_K": 0.0}, "0 K is outside"),
         ({"temperature_K": float("nan")}, "nan K is outside"),
-        ({"temperature_K": 900.0}, "900 K is outside"),
         ({"pressure_Pa": 0.0}, "allowed: pressures"),
         ({"mole_fraction": 1.5}, "allowed: pressures"),
         ({"points": 0}, "allowed: pressures"),

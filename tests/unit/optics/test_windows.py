@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from cldit.errors import SceneError
-from cldit.optics.windows import MATERIALS, Pane, band_pane, slab, window_shares
+from cldit.optics.windows import MATERIALS, band_pane, slab, window_shares
 from cldit.scene.vessel import Window
 
 
@@ -73,12 +73,6 @@ def test_energy(material: str, thickness_m: float, filter_um: tuple[float, float
     pane = band_pane(window(material, thickness_m=thickness_m), filter_um, reference_K=450.0)
     assert 0 < pane.transmission < 1 and 0 < pane.reflection < 1 and pane.emission >= 0
     assert pane.transmission + pane.reflection + pane.emission == pytest.approx(1.0, abs=1e-12)
-
-
-def test_nothing_there_changes_nothing() -> None:
-    assert Pane().emission == 0.0 and Pane().transmission == 1.0
-    transmission, reflection = slab(1.0, 0.0, wavelength_um=3.4, thickness_m=1.0)
-    assert float(transmission) == 1.0 and float(reflection) == 0.0
 
 
 def test_index_moves_with_temperature() -> None:

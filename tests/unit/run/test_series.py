@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,6 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.seriescases import NOZZLE, write_times
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
-Behaviour = Callable[[Scene], float]
 
 
 def plan_of(*times: float) -> SeriesPlan:
@@ -102,13 +100,6 @@ def test_what_concerns_all_times_ends_them(error: BaseException) -> None:
     with pytest.raises(type(error)):
         states(plan_of(1e-3, 2e-3), runs)
     assert len(runs.seen) == 1
-
-
-def test_names_of_times() -> None:
-    plan = plan_of(0.0, 2.5e-4, 1e-3)
-    assert [plan.text(time) for time in plan.scenes] == ["0 ms", "0.25 ms", "1 ms"]
-    assert [plan.stamp(time) for time in plan.scenes] == ["0.00 ms", "0.25 ms", "1.00 ms"]
-    assert plan.folder(2.5e-4) == "time_0.25ms"
 
 
 def test_degrees_of_crank_angle_stay_numbers(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from cldit.errors import FileError
 from cldit.show.page import (
     Bar,
     Bullets,
@@ -23,7 +22,6 @@ from cldit.show.page import (
     Section,
     Slider,
     Table,
-    html_of,
     write_page,
 )
 
@@ -97,11 +95,6 @@ def test_contents() -> None:
     assert names == {"viewport"}
 
 
-def test_a_folded_section_shows_its_title() -> None:
-    html = html_of([Section("Spray", ["text"], folded=True), Section("none", [""], folded=True)])
-    assert html == "<details><summary><h2>Spray</h2>\n</summary>\n<p>text</p>\n</details>"
-
-
 def test_user_text_stays_text() -> None:
     parser, plain = _parsed(_full(EVIL)), _parsed(_full("gdi"))
     assert [tag for tag, _ in parser.tags] == [tag for tag, _ in plain.tags]
@@ -136,28 +129,6 @@ def test_markdown(tmp_path: Path) -> None:
     assert "| [a|b](walls.md) | a\\|b |" in text and "- a|b\n- one" in text
     assert text.endswith("## How to repeat it\n\n```sh\na|b\n```\n\n## a|b\n\na|b\n")
     assert (tmp_path / "figures" / "one.png").read_bytes() == PNG
-
-
-def test_code_in_a_sentence() -> None:
-    page = Page("t", ["run `cldit <x>` now"])
-    assert "<p>run <code>cldit &lt;x&gt;</code> now</p>" in page.html()
-    assert "run `cldit <x>` now" in page.markdown()
-
-
-@pytest.mark.parametrize("cell", ["1234567890123456", "12345678901234567"])
-def test_columns_of_short_texts_are_aligned_right(cell: str) -> None:
-    html = Page("t", [Table(["value"], [[cell]])]).html()
-    assert ('<th class="n">value</th>' in html) is (len(cell) <= 16)
-
-
-def test_written_whole(tmp_path: Path) -> None:
-    path = tmp_path / "with space" / "report.html"
-    path.parent.mkdir()
-    assert write_page(_full("Spray µ 日本"), path) == path
-    assert path.read_text(encoding="utf-8") == _full("Spray µ 日本").html()
-    assert [item.name for item in path.parent.iterdir()] == ["report.html"]
-    with pytest.raises(FileError):
-        write_page(_full("x"), tmp_path / "missing" / "report.html")
 
 
 def test_figures_have_their_size_on_paper() -> None:

@@ -78,11 +78,9 @@ def _with(value: float) -> np.ndarray[Any, Any]:
     [
         ({"vapor": np.ones((1, 1, 1))}, "grid.npz: unknown array vapor; allowed: origin_m"),
         ({"origin_m": None}, "grid.npz: origin_m is missing"),
-        ({"spacing_m": np.ones(2)}, r"spacing_m: shape \(2,\), expected \(3,\)"),
         ({"spacing_m": np.array([1.0, 0.0, 1.0])}, r"spacing_m: 0 at \[1\] is outside 1e-09"),
         ({"origin_m": np.array([np.nan, 0, 0])}, r"origin_m: nan at \[0\]"),
         ({}, "no .nx, ny, nz. array; allowed: "),
-        ({"vapour_absorption_per_m": np.ones(4)}, r"shape \(4,\), expected \(nx, ny, nz\)"),
         ({"vapour_absorption_per_m": np.ones((0, 1, 1))}, "each at least 1"),
         (
             {"vapour_absorption_per_m": np.ones((2, 2, 2)), "vapour_temperature_K": _with(1.0)},
@@ -96,12 +94,7 @@ def _with(value: float) -> np.ndarray[Any, Any]:
             {"droplet_absorption_per_m": _with(3.0), "vapour_temperature_K": _with(400.0)},
             r"grid.npz: droplet_temperature_K is missing, but droplet_absorption_per_m is up to 3;",
         ),
-        (
-            {"vapour_absorption_per_m": _with(5.0), "droplet_temperature_K": _with(400.0)},
-            r"vapour_temperature_K is missing, .* up to 5; expected temperatures .* \(2, 3, 4\)",
-        ),
         ({"vapour_absorption_per_m": np.ones((1, 1, 1), complex)}, "complex128, expected real"),
-        ({"vapour_absorption_per_m": np.full((1, 1, 1), "x")}, "expected real numbers"),
         ({"vapour_absorption_per_m": np.full((1, 1, 1), None)}, "cannot be read as .npz"),
     ],
 )

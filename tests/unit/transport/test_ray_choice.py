@@ -1,4 +1,4 @@
-"""Allocation of rays to pixels."""
+"""Allocation of rays to pixels, and pixels drawn with chances of their own."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from scipy.ndimage import maximum_filter
 
 from cldit.transport.final_gather.gather import Gather
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.ray_choice import MOST_ACROSS, allocated, as_shared, evaluated
 from cldit.transport.sobol import net
 from cldit.transport.tuning import Tuning
@@ -94,3 +95,109 @@ def test_squares_about_pixels_are_those_of_a_filter(pixels: int) -> None:
     expected = maximum_filter(chosen, 2 * pixels + 1)
     assert 0 < chosen.sum() <= expected.sum()
     np.testing.assert_array_equal(dilated(chosen, pixels), expected)
+
+
+MANY = 400
+
+
+@pytest.fixture
+def importance() -> np.ndarray:
+    """Of 3000 pixels, over three decades; every third is of none."""
+    values = np.random.default_rng(1).lognormal(0.0, 1.7, 3000)
+    values[::3] = 0.0
+    return values
+
+
+def test_unbiased_and_knows_its_error(importance: np.ndarray) -> None:
+    """Values that follow their importance but loosely, and a few that do not at all.
+
+    400 draws: the mean is good to a 20th of one draw's error, four of which are allowed, and the
+    scatter of draws to 4 %. Even steps beat independent draws at most by what neighbours have in
+    common, here nothing.
+    """
+    rng = np.random.default_rng(2)
+    here = importance > 0
+    values = np.where(here, importance * rng.gamma(2.0, 1.0, 3000), 0.0)
+    values[np.flatnonzero(here)[::50]] += 1.0
+    noise = 0.3 * importance
+    totals, errors = [], []
+    for seed in range(MANY):
+        drawn = PixelSample.of(importance, size=200, seed=seed)
+        # The seeds of what is drawn and of its noise are apart, as in the audit.
+        noisy = values + noise * np.random.default_rng(10_000 + seed).standard_normal(3000)
+        total, error = drawn.total(noisy[drawn.pixels], noise[drawn.pixels] ** 2)
+        totals.append(total)
+        errors.append(error)
+    scatter = float(np.std(totals, ddof=1))
+    assert abs(np.mean(totals) - values.sum()) < 4 * scatter / MANY**0.5
+    assert scatter < 0.1 * values.sum()
+    assert float(np.mean(np.square(errors))) ** 0.5 == pytest.approx(scatter, rel=0.15)
+
+
+def test_chances_are_kept(importance: np.ndarray) -> None:
+    """How often each pixel is drawn; binomial, five standard deviations of the worst of 2000."""
+    often = np.zeros(3000)
+    chance = np.zeros(3000)
+    for seed in range(MANY):
+        drawn = PixelSample.of(importance, size=200, seed=seed)
+        assert abs(len(drawn.pixels) - 200) <= 1
+        often[drawn.pixels] += 1
+        chance[drawn.pixels] = drawn.chance
+    known = chance > 0
+    allowed = 5 * np.sqrt(MANY * chance * (1 - chance)) + 2
+    assert np.all(np.abs(often - MANY * chance)[known] <= allowed[known])
+    assert often[importance == 0].sum() == 0
+    sure = importance >= np.sort(importance)[-10]
+    assert chance[sure].min() == 1.0 and np.all(often[sure] == MANY)
+    # In proportion below 1: the ratio is one number.
+    free = known & (chance < 1.0)
+    ratio = chance[free] / importance[free]
+    np.testing.assert_allclose(ratio, ratio[0])
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 200])
+def test_few_are_all_drawn(count: int) -> None:
+    """The sum is then exact but for the noise, and so is its error."""
+    importance = np.concatenate([np.zeros(5), np.geomspace(1e-9, 1e9, count)])
+    drawn = PixelSample.of(importance, size=200, seed=3)
+    np.testing.assert_array_equal(drawn.pixels, np.arange(5, 5 + count))
+    assert np.all(drawn.chance == 1.0)
+    total, error = drawn.total(np.arange(count, dtype=float), np.full(count, 4.0))
+    assert total == pytest.approx(count * (count - 1) / 2)
+    assert error == pytest.approx(2 * count**0.5)
+
+
+def test_one_pixel_far_above_all_others() -> None:
+    """It is drawn for sure; the others share what is left evenly."""
+    importance = np.ones(1000)
+    importance[400] = 1e12
+    drawn = PixelSample.of(importance, size=11, seed=4)
+    assert drawn.chance[drawn.pixels == 400] == 1.0
+    others = drawn.chance[drawn.pixels != 400]
+    assert len(others) == 10
+    np.testing.assert_allclose(others, 10 / 999)
+    # All alike: nothing is missed by not drawing them.
+    total, error = drawn.total(importance[drawn.pixels], np.zeros(11))
+    assert total == pytest.approx(importance.sum())
+    assert error == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_noise_makes_of_the_doubt(importance: np.ndarray) -> None:
+    """New noise in the same pixels: the mean square varies by the share that is told to be noise's.
+
+    A variance of 1000 draws is good to (2 / 1000)^(1/2), four of which are allowed.
+    """
+    draws, rng = 1000, np.random.default_rng(5)
+    drawn = PixelSample.of(importance, size=200, seed=6)
+    error = np.sqrt(importance[drawn.pixels]) * rng.gamma(2.0, 1.0, len(drawn.pixels))
+    squares, told = [], []
+    for _ in range(draws):
+        one, other = error + 0.5 * error * rng.standard_normal((2, len(error)))
+        square, doubt = drawn.mean_square(one, other, count=2000)
+        squares.append(square)
+        told.append(drawn.by_noise(one, other) * doubt**2)
+    assert np.mean(told) == pytest.approx(np.var(squares, ddof=1), rel=4 * (2 / draws) ** 0.5)
+    assert drawn.by_noise(error, error) == 0.0  # all of it is by the choice of pixels
+    every = PixelSample(drawn.pixels, np.ones(len(error)))
+    assert every.by_noise(error, 1.1 * error) == pytest.approx(1.0)  # none of it
+    assert every.by_noise(error, error) == 0.0

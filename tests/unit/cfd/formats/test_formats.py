@@ -15,16 +15,7 @@ from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import WRITERS, write_converge, write_ensight
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
 
-KINDS = [
-    "tables",
-    "ensight",
-    "ensight-big-endian",
-    "ensight-polyhedra",
-    "ensight-ascii",
-    "ensight-ascii-polyhedra",
-    "converge",
-    "converge-before-3.1",
-]
+KINDS = list(WRITERS)
 FIGURES = (
     "liquid_mass_kg",
     "vapour_mass_kg",

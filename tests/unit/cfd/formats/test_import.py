@@ -1,24 +1,30 @@
-"""cldit import, the file that it writes, parcels spread over a ball, and the page on them."""
+"""cldit import: its file, progress, Ctrl-C, large cases, and the page on it."""
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 
+from cldit.cfd import size
+from cldit.cfd.importing import imported
 from cldit.cfd.mapping.file import read_column_map
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.scene.load import load_scene
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.composites import write_format
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_ensight
-from tests.unit.cfd.reading import read, same
+from tests.unit.cfd.reading import FRAME, read, same
 
 
 def test_command(tmp_path: Path) -> None:
@@ -134,3 +140,78 @@ def test_page_of_the_docs(tmp_path: Path) -> None:
     named = set(re.findall(r"--[a-z][a-z-]+", page)) - {"--help"}
     assert len(named) > 8
     assert not {option for option in named if option not in known}
+
+
+KINDS = ["openfoam", "vtk", "tables", "ensight", "ensight-ascii", "converge"]
+KINDS += ["vtkhdf", "cgns", "fluent"]
+
+
+def written(kind: str, folder: Path) -> CfdSpray:
+    """The sample in one format."""
+    return CfdSpray(file=write_format(kind, folder, foam.sample()), **FRAME)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_progress_is_told(kind: str, tmp_path: Path) -> None:
+    told: list[tuple[str, int, int]] = []
+    spec = written(kind, tmp_path / "case")
+    out = tmp_path / "spray.npz"
+    imported(spec, out, watch=lambda *each: told.append(each))
+    assert all(0 <= done <= total for _, done, total in told)
+    phases = [what for what, _, _ in told]
+    assert "measuring cells" in phases
+    assert phases[-1] == "writing spray.npz"
+    assert phases[0].startswith(("reading", "measuring cells"))
+
+
+@pytest.mark.parametrize("phase", ["reading gas.vtu", "measuring cells", "writing spray.npz"])
+def test_control_c_leaves_nothing(phase: str, tmp_path: Path) -> None:
+    """The signal itself, as the terminal sends it; vtk, too, stops."""
+    spec = written("vtk", tmp_path / "case")
+    folder = tmp_path / "out"
+    folder.mkdir()
+    before = signal.getsignal(signal.SIGINT)  # a shell's background jobs ignore it
+    handler = signal.default_int_handler
+    signal.signal(signal.SIGINT, handler)
+
+    def press(what: str, *_: int) -> None:
+        if what == phase:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            imported(spec, folder / "spray.npz", watch=press)
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_does_not_fit_is_refused_before_it_is_read(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = written(kind, tmp_path / "case")
+    monkeypatch.setattr(size, "free_bytes", lambda: 0.1e9)
+    told: list[Any] = []
+    with pytest.raises(SprayError) as caught:
+        imported(spec, None, watch=lambda *each: told.append(each))
+    text = str(caught.value)
+    assert text.startswith(str(tmp_path / "case"))
+    assert re.search("24 cells.* need some 0.2 GB of memory; 0.1 GB are free", text) or kind in (
+        "openfoam",  # counts faces, or bytes
+        "tables",
+        "ensight",
+        "ensight-ascii",
+    )
+    assert "GB of memory; 0.1 GB are free" in text
+    assert "export only the region" in text
+    assert told == []
+
+
+def test_who_does_not_know_what_is_free_refuses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    large = size.Size(10**9, 0, 1e12)
+    monkeypatch.setattr(size, "free_bytes", lambda: None)
+    size.check_room(Path("case"), large)
+    monkeypatch.setattr(size, "free_bytes", lambda: 10**14)
+    size.check_room(Path("case"), large)

@@ -1,9 +1,11 @@
-"""cldit import --write-mapping: what it writes reads as the case without it."""
+"""Mappings that are drafted read as the case; what a case does not state is a remark."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -12,13 +14,12 @@ from cldit.cfd.mapping.file import read_column_map
 from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
-from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.formats.conftest import WRITERS
+from tests.unit.cfd.formats.conftest import WRITERS, write_converge
 from tests.unit.cfd.formats.test_formats import KINDS
 from tests.unit.cfd.reading import FRAME, read, same
-from tests.unit.cfd.test_vtk import block_grid, save
+from tests.unit.cfd.test_vtk import block_grid, save, vtk_array
 from tests.unit.cfd.vtkfiles import gas_file, parcels_file
 
 
@@ -125,12 +126,6 @@ def test_components_in_brackets_are_no_unit(tmp_path: Path) -> None:
     assert cloud.position_m.values[0] == pytest.approx([1e-4, 2e-4, 0.0])
 
 
-def test_own_file_needs_none(tmp_path: Path) -> None:
-    (tmp_path / "a.npz").write_bytes(b"PK")
-    with pytest.raises(SprayError, match="needs no mapping"):
-        write_mapping(CfdSpray(file=tmp_path / "a.npz"), tmp_path / "m.yaml")
-
-
 @pytest.mark.parametrize("name", ["C7H16.Mass Fraction", "Mole Fraction of C7H16", "molef-c7h16"])
 def test_the_fuel_of_a_table_by_the_names_of_programs(tmp_path: Path, name: str) -> None:
     (tmp_path / "cells.csv").write_text(f"x,y,z,V,T,p,{name}\n0,0,0,1e-9,700,5e6,0.1\n")
@@ -148,3 +143,70 @@ def test_a_unit_of_the_draft_is_allowed_once_its_line_is_used(tmp_path: Path) ->
     cells = read_column_map(tmp_path / "m.yaml").cells
     assert cells.fuel is not None
     assert cells.fuel.unit == "1"
+
+
+def told(path: Path, **keys: Any) -> str:
+    return " ".join(read(path, **keys).remarks)
+
+
+def test_misspelt_density(tmp_path: Path) -> None:
+    name = "rhoo"
+    block, gas, cloud = foam.sample()
+    density = gas.pop("rho")
+    case = foam.write(tmp_path / "case", block, gas=gas | {name: density}, cloud=cloud)
+    said = told(case)
+    assert "no density 'rho' among the cell fields" in said
+    assert f"if it is '{name}', name it in a mapping file" in said
+    assert (
+        "that of an ideal gas of air and fuel at T and p (4.004e+06 to 4.88e+06 Pa) was used"
+        in said
+    )
+    mapping = tmp_path / "names.yaml"
+    mapping.write_text(f"cells: {{density: {name}}}")
+    assert "at p and T was used" not in told(case, mapping=mapping)
+
+
+def test_whole_case_says_nothing(tmp_path: Path) -> None:
+    said = told(foam.case(tmp_path))
+    assert "ideal" not in said and "Molar mass" not in said and "its time" not in said
+
+
+def test_density_alone_and_no_time(tmp_path: Path) -> None:
+    block, gas, _ = foam.sample()
+    del gas["p"]
+    said = told(save(tmp_path / "gas.vtu", block_grid(block, gas)), cloud="none")
+    assert "no pressure among the cell fields" in said
+    assert "does not state its time" in said
+
+
+def test_another_fuel_has_its_own_molar_mass(tmp_path: Path) -> None:
+    block, gas, cloud = foam.sample()
+    gas["C8H18"] = gas.pop("C7H16")
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    assert "Fuel C8H18, 0.114232 kg/mol." in told(case, fuel_field="C8H18")
+    by_formula = read(case, fuel_field="C8H18").vapour
+    assert by_formula is not None and by_formula.molar_mass_kg_mol == pytest.approx(0.114232)
+    said = told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.1)
+    assert "Molar mass of C8H18: 0.1 kg/mol, as given; by its formula it is 0.1142" in said
+    assert "Molar mass" not in told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.11423)
+
+
+def test_two_names_of_one_quantity(tmp_path: Path) -> None:
+    import h5py
+
+    folder = write_converge(tmp_path, foam.sample(), new=True)
+    for path in folder.glob("*.h5"):
+        with h5py.File(path, "r+") as file:
+            cells = file["STREAM_00/CELL_CENTER_DATA"]
+            cells["TEMP"] = np.full_like(cells["TEMPERATURE"][()], 300)
+    assert "of TEMPERATURE and TEMP, TEMPERATURE was used as the temperature" in told(folder)
+
+
+def test_weight_of_means_over_corners(tmp_path: Path) -> None:
+    block, gas, _ = foam.sample()
+    grid = block_grid(block, {name: gas[name] for name in ("p", "T", "rho")})
+    count = grid.GetNumberOfPoints()
+    for name, value in (("C7H16", 0.1), ("p", 5e5), ("T", 500.0)):
+        grid.GetPointData().AddArray(vtk_array(name, np.full(count, value)))
+    said = told(save(tmp_path / "gas.vtu", grid), cloud="none")
+    assert "C7H16 (weighted by p/T, as there is no density at points) at points became" in said

@@ -16,7 +16,6 @@ from PIL import Image
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import FileError
 from cldit.radiance.weights import Weights
-from cldit.show.figures import colours
 from cldit.show.figures.colours import (
     UNKNOWN,
     Scale,
@@ -58,41 +57,6 @@ def _pixels(png: bytes) -> NDArray[np.float64]:
 def _has(picture: NDArray[np.float64], colour: tuple[float, ...]) -> int:
     """Number of pixels of this colour, to an 8-bit step."""
     return int(np.count_nonzero(np.all(np.abs(picture - colour[:3]) < 1.1 / 255, axis=-1)))
-
-
-# Machado, Oliveira and Fernandes 2009, Table 1, severity 1, for linear sRGB
-DEUTERANOPIA = np.array(
-    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
-     [-0.011820, 0.042940, 0.968881]]
-)  # fmt: skip
-PROTANOPIA = np.array(
-    [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
-     [-0.003882, -0.048116, 1.051998]]
-)  # fmt: skip
-
-
-def _lightness(rgb: NDArray[np.floating], seen: NDArray[np.floating]) -> NDArray[np.float64]:
-    """CIE L* of sRGB colours (N, 3) as an eye with the matrix `seen` sees them."""
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    luminance = np.clip(linear @ seen.T, 0.0, 1.0) @ np.array([0.2126, 0.7152, 0.0722])
-    cube = np.where(luminance > 0.008856, np.cbrt(luminance), 7.787 * luminance + 16.0 / 116.0)
-    return np.asarray(116.0 * cube - 16.0)
-
-
-@pytest.mark.parametrize("seen", [np.eye(3), DEUTERANOPIA, PROTANOPIA])
-@pytest.mark.parametrize("name", ["TEMPERATURE", "EMISSIVITY", "ERROR", "COUNTS", "SHARE", "MASS"])
-def test_colours_rise_evenly_for_every_eye(name: str, seen: NDArray[np.floating]) -> None:
-    """Lightness is monotone over at least 60 of 100, so a value has one grey; hue's is not.
-
-    Tolerance: steps of 16 of 256 colours, so that rounding to 8 bits (0.4 of L*) reverses none.
-    """
-    rgb = colormaps[getattr(colours, name)](np.linspace(0, 1, 17))[:, :3]
-    lightness = _lightness(rgb, seen)
-    steps = np.diff(lightness)
-    assert np.all(steps > 0) or np.all(steps < 0)
-    assert abs(lightness[-1] - lightness[0]) > 60.0
-    hue = np.diff(_lightness(colours.HUE(np.linspace(0, 1, 17))[:, :3], seen))
-    assert not (np.all(hue > 0) or np.all(hue < 0))
 
 
 def test_default_range() -> None:

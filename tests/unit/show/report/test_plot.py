@@ -148,15 +148,6 @@ def test_html_has_pictures_and_figures_and_no_address(run: Run, spray: Spray) ->
     assert png[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_runs_are_saved_and_opened(run: Run, tmp_path: Path) -> None:
-    again = open_run(run.save(tmp_path / "again"))
-    assert repr(again.maps) == repr(run.maps) and again.info == run.info
-    assert again.measured is not None and run.measured is not None
-    np.testing.assert_array_equal(again.measured.emissivity, run.measured.emissivity)
-    with pytest.raises(ClditError, match="is not empty"):
-        run.save(tmp_path / "again")
-
-
 def test_colours_are_chosen_as_in_matplotlib(run: Run) -> None:
     """vmin, vmax and cmap, in a figure of its own and in other axes; an end may be left out."""
     (left, *_) = run.plot(vmin=300.0, vmax=600.0, cmap="cividis").axes

@@ -1,20 +1,24 @@
-"""The page as text: one file that asks for nothing; and what the folders give it."""
+"""The page as one file that asks for nothing, its packed numbers, and what folders give it."""
 
 from __future__ import annotations
 
+import base64
 import re
 import shutil
+import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.typing import NDArray
 
 from cldit.cli import main
 from cldit.errors import FileError, RunFolderError
 from cldit.run.result import save_run
 from cldit.scene.spray import ConeSpray
 from cldit.show.view import page_html, save_page, view_items
+from cldit.show.view.packing import MANTISSA_BITS, Packed, packed, rounded
 from cldit.show.view.traced import traced_item
 from tests.viewed import made_run, scene_for
 
@@ -125,3 +129,36 @@ def test_a_folder_that_cannot_be_written_leaves_the_page_in_the_cache(
     (page,) = (tmp_path / "cache").rglob("*.html")
     assert done.exit_code == 0 and done.output.strip() == str(page)
     assert opened == [page.as_uri()]
+
+
+def unpacked(given: Packed) -> NDArray[np.float32]:
+    """As unpack.js does it for float32."""
+    data = zlib.decompress(base64.b64decode(given.text))
+    planes = np.frombuffer(data, np.uint8).reshape(4, given.count)
+    folded = np.ascontiguousarray(planes.T).view("<u4").reshape(-1)
+    step = (folded >> 1) ^ (0 - (folded & 1)).astype(np.uint32)
+    return np.cumsum(step, dtype=np.uint32).view(np.float32)
+
+
+def test_a_rounded_number_errs_by_half_of_its_last_bit() -> None:
+    """2^-(b + 1) of the number, for a mantissa of b bits beside the leading one."""
+    rng = np.random.default_rng(3)
+    values = (rng.standard_normal(20_000) * 10.0 ** rng.uniform(-30, 30, 20_000)).astype(np.float32)
+    for bits in (MANTISSA_BITS, 10):
+        off = np.abs(rounded(values, bits).astype(float) / values - 1.0)
+        assert 0.9 * 2.0 ** -(bits + 1) < off.max() <= 2.0 ** -(bits + 1)
+    assert np.array_equal(rounded(values, 23), values)
+
+
+def test_rounding_keeps_what_is_no_usual_number() -> None:
+    values = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, -2.0], np.float32)
+    assert np.array_equal(rounded(values, 10), values, equal_nan=True)
+
+
+def test_numbers_come_back_bit_for_bit() -> None:
+    rng = np.random.default_rng(4)
+    values = rng.standard_normal((30, 40)).astype(np.float32)
+    values[3, 4] = np.nan
+    values[5, 6:9] = [0.0, -np.inf, 3e38]
+    back = unpacked(packed(values)).reshape(values.shape)
+    assert np.array_equal(back.view(np.uint32), values.view(np.uint32))

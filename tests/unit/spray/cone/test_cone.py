@@ -207,20 +207,6 @@ def test_liquid_as_openfoam_has_it() -> None:
         assert found == pytest.approx(liquid_mg, rel=0.15), time_s
 
 
-def test_sauter_diameter_changes_on_the_way() -> None:
-    """Small droplets vanish first, which at first outweighs that the others shrink."""
-    spec = load_scene("gdi-cone").spray
-    assert isinstance(spec, ConeSpray)
-    parcels = _parcels(spec)
-    r = np.linalg.norm(parcels.position_m, axis=1)
-    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
-    sauter = [
-        mass[near].sum() / (mass[near] / parcels.diameter_m[near]).sum()
-        for near in (r < 5e-3, (r > 0.02) & (r < 0.025), (r > 0.04) & (r < 0.045))
-    ]
-    assert 8.8e-6 < sauter[0] < sauter[1] < sauter[2] < 12e-6
-
-
 def test_cells_keep_energy() -> None:
     """What all cells hold, against what liquid and entrained gas brought. The gas comes from the
     volume that liquid and vapour leave (ideal). 1.2 % of the heat given: from 30 mm on the plumes,
@@ -281,12 +267,6 @@ def test_without_evaporation_the_sizes_stay() -> None:
     assert _mass(spray) == pytest.approx(spray.notes["injected_mass_kg"], rel=1e-12)
     # The scene's default has m = 1.5 um, n = 1, p = 3: D32 = 6 m, in two classes as in any number.
     assert spray.parcels.sauter_mean_diameter_m == pytest.approx(9e-6, rel=1e-9)
-
-
-def test_monodisperse_droplets_shrink_with_their_cell() -> None:
-    d = _parcels(_spec(droplets=Monodisperse(diameter_um=9.0))).diameter_m
-    # Before it evaporates the liquid only expands, from 616 to at most 600 kg/m3: 0.9 %.
-    assert 1e-7 <= d.min() < 5e-6 and 8.9e-6 < d.max() < 9.0e-6 * 1.01
 
 
 def test_fine_droplets_count_as_vapour() -> None:
@@ -357,14 +337,6 @@ def test_nothing_is_drawn_and_old_keys_say_so() -> None:
 def test_nothing_injected() -> None:
     spray = cone_spray(ConeSpray(injected_mass_kg=0.0))
     assert spray.parcels is None and spray.vapour is None
-
-
-@pytest.mark.slow
-def test_first_microseconds_and_many_plumes() -> None:
-    plumes = tuple(Plume(inclination_deg=89.0, azimuth_deg=a) for a in range(0, 360, 6))
-    spec = ConeSpray(time_s=2e-5, plumes=plumes, injected_mass_kg=1e-5, spacing_m=2e-4)
-    spray = cone_spray(spec)
-    assert _mass(spray) == pytest.approx(1e-5 * 2e-5 / 1.5e-3, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,12 @@
-"""Fuel tables: against CoolProp itself, against a fit of another source, and on disk."""
+"""Fuel tables: against CoolProp itself, and against a fit of another source."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cldit.errors import SprayError
 from cldit.spray.cone import fluid_properties as fits
-from cldit.spray.droplet import fluids
 from cldit.spray.droplet.fluids import Fuel, diffusivity_m2_s, fuel_table, gas_table
 from tests.unit.spray.flow.references import saturation_Pa
 
@@ -112,30 +109,6 @@ def test_beyond_its_ends_a_curve_is_held(heptane: Fuel) -> None:
     ends = heptane.liquid.value("density", [heptane.liquid.low_K, heptane.liquid.high_K])
     assert heptane.liquid.value("density", [1.0, 1e5]) == pytest.approx(ends)
     assert heptane.liquid.high_K == pytest.approx(530.4, abs=0.1)  # 0.98 of CoolProp's 541.23 K
-
-
-def test_kept_on_disk_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = fuel_table("n-heptane", cache=tmp_path / "new")
-    files = list((tmp_path / "new").iterdir())
-    assert len(files) == 1
-
-    def never(_: str) -> None:
-        raise AssertionError("built again")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(fluids, "fuel_columns", never)
-        again = fuel_table("n-heptane", cache=tmp_path / "new")
-    t = np.linspace(200.0, 500.0, 7)
-    assert np.array_equal(first.liquid.value("density", t), again.liquid.value("density", t))
-    assert again.molar_mass_kg_mol == first.molar_mass_kg_mol
-    files[0].write_bytes(files[0].read_bytes()[:1000])  # a copy that was cut off is built again
-    whole = fuel_table("n-heptane", cache=tmp_path / "new")
-    assert np.array_equal(first.liquid.value("density", t), whole.liquid.value("density", t))
-
-
-def test_a_folder_that_cannot_be_made_costs_only_time(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    assert fuel_table("iso-octane", cache=tmp_path / "file" / "below").name == "iso-octane"
 
 
 @pytest.mark.parametrize(

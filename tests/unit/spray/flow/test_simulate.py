@@ -78,13 +78,6 @@ def test_it_goes_as_far_as_a_spray_goes(hot: Result) -> None:
     assert 0.85 * 24.8e-3 < hot[0].notes["vapour_penetration_m"] < 33e-3
 
 
-def test_the_same_again(hot: Result, simulated: Simulated) -> None:
-    again = simulated()[0]
-    assert again.parcels is not None
-    assert hot[0].parcels is not None
-    np.testing.assert_array_equal(again.parcels.position_m, hot[0].parcels.position_m)
-
-
 def test_all_times_come_from_one_integration(
     hot: Result,
     simulated: Simulated,

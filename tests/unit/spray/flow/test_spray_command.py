@@ -46,13 +46,3 @@ def test_a_place_that_cannot_be_written_is_a_message(
     assert result.exit_code == 1
     assert isinstance(result.exception, SystemExit)  # no traceback
     assert "Not a directory" in result.output
-
-
-def test_a_wrong_value_is_a_message(tmp_path: Path) -> None:
-    scene = tmp_path / "scene.yaml"
-    scene.write_text("name: x\nspray: {model: lagrangian, fuel: petrol}\n", encoding="utf-8")
-    result = CliRunner().invoke(
-        main, ["show", str(scene), "--part", "spray", "--out", str(tmp_path / "out")]
-    )
-    assert result.exit_code == 1
-    assert not (tmp_path / "out").exists()
