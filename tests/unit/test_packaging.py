@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import re
 import sys
 import tomllib
@@ -114,14 +112,3 @@ def test_no_public_name_is_that_of_a_module() -> None:
     """Else `cldit.NAME` is the module, once anyone has loaded it."""
     modules = {path.stem for path in Path(cldit.__file__).parent.iterdir()}
     assert modules.isdisjoint(cldit.__all__)
-
-
-def test_pages_of_the_api_name_what_is_there() -> None:
-    pages = (ROOT / "docs" / "api").glob("*.md")
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
-    names = re.findall(r"^::: ([\w.]+)$", text, re.MULTILINE)
-    assert len(names) > 50
-    for name in names:
-        module, _, last = name.rpartition(".")
-        assert importlib.util.find_spec(module) is not None, name
-        assert hasattr(importlib.import_module(module), last) or importlib.util.find_spec(name)
