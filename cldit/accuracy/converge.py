@@ -26,7 +26,6 @@ from cldit.accuracy.problem import Problem
 from cldit.accuracy.remarks import expected
 from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import ORDINATES, beyond
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.sources.pixel_sampling import MOST_RAYS, PIXEL_SAMPLING
@@ -215,7 +214,7 @@ def solve(
 
 def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Result:
     """The result with the error of each source."""
-    if problem.is_clear(tracer.prepared):
+    if tracer.prepared.is_clear:
         return result
     if not result.maps.has_temperature.any():
         return replace(result, unstated=f"no pixel has a T_app ({result.maps.causes})")
@@ -225,22 +224,12 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     if scene.transport.method == "source":
         tracer.put(cell_m, traces.traces[tracer.prepared.number])
         exact = not traces.scatters or scene.transport.order == 0 or traces.audit is not None
-    at = Measurement(
-        scene,
-        tracer,
-        problem.stages,
-        cell_m=cell_m,
-        coarse_m=tracer.coarser(cell_m),
-        image=image,
-        exact=exact,
-        trace_errors=result.trace_errors,
-        predicted=problem.predicted,
-        estimates=dict(problem.estimates),
-    )
-    estimates = tuple(estimate for source in SOURCES for estimate in at.of(source))
-    problem.estimates = {source.name: at.of(source) for source in SOURCES if source.of_spray}
+    coarse_m, errors = tracer.coarser(cell_m), result.trace_errors
+    at = tracer.on_cells(cell_m, coarse_m, image=image, exact=exact, trace_errors=errors)
+    estimates = tuple(estimate for source in SOURCES for estimate in source.of(at))
+    tracer.estimates.update({one.name: one.of(at) for one in SOURCES if one.of_spray})
     result = replace(result, trace_errors=beyond(at), estimates=estimates)
-    pixels_K, asked_K = at.errors_K(PIXEL_SAMPLING), result.resolution.pixels_K
+    pixels_K, asked_K = PIXEL_SAMPLING.errors_K(at), result.resolution.pixels_K
     if asked_K is not None and max(error_K or 0.0 for error_K in pixels_K) > _CLOSE * asked_K:
         result = result.limited("pixel sampling", next(iter(traces.short), MOST_RAYS))
     causes, local = result.errors.causes, (PIXEL_SAMPLING.name,)

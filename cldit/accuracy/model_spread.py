@@ -11,6 +11,7 @@ and never in their sum.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
     radii_m = blur_radii_m(camera, depths_m(prepared.spray) - scene.target_m[1])
     seen = scene.model_copy(update={"camera": camera})
     blurred = PointSpread.of(seen, radii_m)(image.weights)
-    temperature = temperature_of(scene, prepared)
+    temperature = temperature_of(prepared)
     differences = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
     blur = f"f/{camera.sensor.f_number:g} and diffraction"
     method = f"a pinhole's image against one blurred by {blur}; camera.lens traces it"
@@ -92,7 +93,7 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
     current = scene_phase(scene, prepared.spray, scene.optics.preset)
     prescribed = has_coefficients(prepared.spray)
     if current.mie or (prescribed and current.asymmetry):
-        alternative = "isotropic"
+        alternative: Literal["isotropic", "mie"] = "isotropic"
     elif prescribed:
         return Cause(_PHASE, None, "not known: the droplets are coefficients without diameters")
     else:
@@ -100,22 +101,19 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
     if not isinstance(scene.spray, GridSpray):
         larger = (m for m in tracer.levels if m <= _COARSER * cell_m)
         cell_m = max(larger, default=_COARSER * cell_m)
-    cells = counted(tracer.frame(cell_m), prepared.sources, tracer.device).swept
+    cells = counted(tracer.frame(cell_m), prepared.sources, prepared.device).swept
     if cells > _MOST_CELLS:
         reason = "not known: a second trace is long; compare a run with transport.phase: "
         return Cause(_PHASE, None, reason + alternative)
-    changed = scene.with_(**{"transport.phase": alternative})
     try:
-        medium = prepared.rescattered(mie=alternative == "mie")
+        medium = prepared.rescattered(alternative)
         phase = medium.properties.phases[medium.number]
-        settings = settings_for(
-            changed, phase, tolerance_K=max(tracer.settings.accuracy_K, _LEAST_K)
-        )
+        least_K = max(tracer.settings.accuracy_K, _LEAST_K)
+        settings = settings_for(medium.scene, phase, tolerance_K=least_K)
         varied = replace(
             tracer,
-            scene=changed,
-            settings=replace(settings, method="source", audit=False, subpixels=False),
             prepared=medium,
+            settings=replace(settings, method="source", audit=False, subpixels=False),
             levels={},
             variants={},
             traces={},

@@ -9,7 +9,6 @@ the next.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 from cldit.accuracy.allocation import Allocation, free_sources
@@ -18,7 +17,6 @@ from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
 from cldit.accuracy.richardson import SAFE, RichardsonEstimate, error_at
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import spectral_K
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError, TransportError
@@ -44,16 +42,16 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
         return start, Allocation(tolerance_K, {})
     allocation = Allocation.of(scene, tolerance_K)
     resolution, tracer = problem.tracer(_asked(start, scene, allocation))
-    if not problem.is_clear(tracer.prepared):
+    if not tracer.prepared.is_clear:
         with problem.stages.stage("coarsest traces") as note:
-            estimates = coarse_estimates(problem, tracer)
+            estimates = coarse_estimates(tracer)
             fixed = [e for e in estimates if e.cause.name not in allocation.shares_K]
             note.append(", ".join(f"{e.cause.name} {e.cause.text}" for e in estimates) or "none")
         allocation = Allocation.of(scene, tolerance_K, fixed)
         resolution = _asked(resolution, scene, allocation)
         if tracer.prepared.cone is not None:
-            problem.predicted = {e.cause.name: e for e in estimates}
-        for name, estimate in problem.predicted.items():
+            tracer.predicted.update({e.cause.name: e for e in estimates})
+        for name, estimate in tracer.predicted.items():
             error_K, share_K = estimate.error_K or 0.0, allocation.shares_K.get(name, math.inf)
             if error_K > share_K:
                 ratio, finer = error_K / share_K, BY_NAME[name].finer
@@ -64,7 +62,7 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
     cell_m, limited = tracer.prepared.cube.cell_m, ""
     if "cells" in free_sources(scene):
         with problem.stages.stage("coarse traces") as note:
-            chosen = choose_cells(tracer, allocation.cells_K, problem.stages.tell)
+            chosen = choose_cells(tracer, allocation.cells_K)
             cell_m, limited = chosen or (cell_m, limited)
             reason = "no pixel has a T_app" if chosen is None else f"{allocation.cells_K:.2g} K"
             note.append(f"cells of {1e3 * cell_m:.3g} mm for {reason}")
@@ -81,10 +79,10 @@ def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Reso
     )
 
 
-def coarse_estimates(problem: Problem, tracer: VariantTracer) -> tuple[Estimate, ...]:
+def coarse_estimates(tracer: VariantTracer) -> tuple[Estimate, ...]:
     """Known errors of the sources that the scene fixes, and of a cone's classes and lattice, on the
     coarsest cells that will do."""
-    scene, prepared = problem.scene, tracer.prepared
+    scene, prepared = tracer.scene, tracer.prepared
     fixed = [source for source in SOURCES if not source.is_free(scene)]
     listed = SOURCES if prepared.cone is not None else fixed
     of_spray = [source for source in listed if source.of_spray and source.applies(prepared)]
@@ -93,10 +91,10 @@ def coarse_estimates(problem: Problem, tracer: VariantTracer) -> tuple[Estimate,
     if isinstance(scene.spray, GridSpray):  # cells smaller than its voxels show no more
         cell_m = max(cell_m, prepared.cube.cell_m)
     while of_spray:
-        at = Measurement(scene, tracer, problem.stages, cell_m, cell_m)
+        at = tracer.on_cells(cell_m, cell_m)
         try:
             tracer.level(cell_m)
-            estimates += [estimate for source in of_spray for estimate in at.of(source)]
+            estimates += [estimate for source in of_spray for estimate in source.of(at)]
             break
         except (SprayError, TransportError):  # no cone has the lattice, or cells reach too far
             cell_m /= tracer.step
@@ -135,9 +133,7 @@ def _less(estimate: RichardsonEstimate, error_K: float) -> float:
     return float((error_K / estimate.error_K) ** (1.0 / min(estimate.order, _ORDER)))
 
 
-def choose_cells(
-    tracer: VariantTracer, tolerance_K: float, say: Callable[[str], None]
-) -> tuple[float, str] | None:
+def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str] | None:
     """Edge of the largest cells within the tolerance; None if no pixel has a T_app.
 
     The text is why they are not smaller, if the tolerance needs it; else empty.
@@ -155,7 +151,7 @@ def choose_cells(
     finest_m = _finest_m(tracer) * (1 - 1e-9)
     cell_m, traced = coarsest_m(tracer), 0
     while traced < 2:
-        say(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
+        tracer.tell(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
         try:
             tracer.level(cell_m)
             traced += 1
@@ -165,7 +161,7 @@ def choose_cells(
             traced = 0
         cell_m /= step
     while True:
-        say(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
+        tracer.tell(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
         try:
             estimates = error_at(tracer, cell_m)
         except MediumError:

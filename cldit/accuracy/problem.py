@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cldit.accuracy.errors import Estimate
 from cldit.accuracy.node_traces import node_settings
 from cldit.accuracy.resolution import Resolution, cells_are_free, too_fine, too_many
 from cldit.accuracy.variant_tracer import VariantTracer
@@ -30,19 +28,13 @@ _LEAST_DEPTH = 3
 
 @dataclass
 class Problem:
-    """A scene with its device; keeps what a change of resolution leaves as it is.
-
-    predicted: estimates made before the first image, by source. estimates: of the present spray,
-    by source.
-    """
+    """A scene with its device; keeps what a change of resolution leaves as it is."""
 
     scene: Scene
     device: Device
     stages: Stages
     cache: Path
     spray: Spray | None
-    predicted: dict[str, Estimate] = field(default_factory=dict)
-    estimates: dict[str, Sequence[Estimate]] = field(default_factory=dict)
     _prepared: tuple[tuple[Any, ...], Prepared] | None = None
     _tracer: tuple[tuple[Any, ...], VariantTracer] | None = None
 
@@ -85,7 +77,6 @@ class Problem:
                 resolution = resolution.limited(limited, too_fine(coarser_m))
                 continue
             self._prepared = resolution.prepared_key, prepared
-            self.estimates.clear()
             return resolution, prepared
 
     def settings(self, resolution: Resolution, prepared: Prepared) -> list[TraceSettings]:
@@ -99,7 +90,7 @@ class Problem:
             more_ordinates=resolution.more_ordinates,
         )
         if self.scene.transport.audit:
-            visible = visible_emissivities(self.scene, self.device, prepared)
+            visible = visible_emissivities(prepared)
             settings = [
                 replace(setting, visible=emissivity)
                 for setting, emissivity in zip(settings, visible, strict=True)
@@ -116,17 +107,8 @@ class Problem:
         if self._tracer is None or self._tracer[0] != key:
             previous = None if self._tracer is None else self._tracer[1]
             node_setting = self.settings(resolution, prepared)[prepared.number]
-            self._tracer = (
-                key,
-                VariantTracer.of(
-                    self.scene,
-                    self.device,
-                    node_setting,
-                    prepared,
-                    key=(*ordinates, resolution.spectral_K, resolution.size_classes),
-                    previous=previous,
-                ),
-            )
+            alike = (*ordinates, resolution.spectral_K, resolution.size_classes)
+            self._tracer = key, VariantTracer.of(prepared, node_setting, alike, previous)
         return resolution, self._tracer[1]
 
     def medium(self, resolution: Resolution) -> tuple[Resolution, Prepared, Medium]:
@@ -136,7 +118,7 @@ class Problem:
             on_lattice = resolution.cube_m is not None  # cells and lattice are made together
             depth = None if on_lattice else resolution.depth
             try:
-                return resolution, prepared, prepared.grown(self.stages, depth)
+                return resolution, prepared, prepared.grown(depth)
             except MediumError:
                 depth = resolution.depth
                 if depth is None or depth <= _LEAST_DEPTH or not cells_are_free(self.scene):
@@ -149,10 +131,6 @@ class Problem:
                 reason = resolution.limits.get("cells") or too_many(resolution.spacing_m)
                 coarser = resolution.on_lattice(_COARSER * resolution.spacing_m)
                 resolution = coarser.limited("cells", reason)
-
-    def is_clear(self, prepared: Prepared) -> bool:
-        """True if there is no medium and no patch in front of the camera, so no source of error."""
-        return prepared.is_empty and not self.scene.patches
 
     def hardly_finer(self, finer: Resolution, than: Resolution) -> str:
         """Reason why the cells of a finer resolution are not worth a trace; empty: they are."""

@@ -13,9 +13,10 @@ from dataclasses import replace
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
 from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.richardson import SAFE, error_at, extrapolated
-from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.trace_error import TraceError
+from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.medium.resolution import counted, in_whole_cells
 from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.scene import Scene
@@ -41,7 +42,7 @@ class _Wavelengths(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         return scene.optics.preset == "spectral" and not self.key(scene)
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         chosen = at.prepared.properties.chosen
         if not chosen.errors_K:
             return []
@@ -84,7 +85,7 @@ class _Cells(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         return cells_are_free(scene) and not isinstance(scene.spray, GridSpray)
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         assert at.image is not None
         # In exact cells only the light has an error, which a trace by `path` sees as a whole.
         if at.exact and _exact(at):
@@ -92,8 +93,8 @@ class _Cells(ErrorSource):
         fixed = self.key(at.scene)
         if isinstance(at.scene.spray, GridSpray):
             return [self._by_finer(at, fixed)]
-        at.stages.tell("errors: other cells")
-        estimates = error_at(at.tracer, at.cell_m)
+        at.tell("errors: other cells")
+        estimates = error_at(at, at.cell_m)
         if estimates is None:
             too_coarse = 4 * at.cell_m > at.prepared.cube.edge_m * (1 + 1e-9)
             reason = "too few halvings of the cube to compare" if too_coarse else NO_PIXEL
@@ -107,19 +108,19 @@ class _Cells(ErrorSource):
             out.append(Estimate.unknown(self.also[0], reason, fixed))
         return out
 
-    def _by_finer(self, at: Measurement, fixed: str) -> Estimate:
+    def _by_finer(self, at: VariantTracer, fixed: str) -> Estimate:
         """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""
         cube = at.prepared.cube
-        cells = 8 * counted(cube, at.prepared.sources, at.tracer.device).swept
+        cells = 8 * counted(cube, at.prepared.sources, at.prepared.device).swept
         if cells > MOST_SWEPT:
             reason = (
                 f"cells half as large are {cells:.2g}, which would take longer than the image; "
                 "compare with a run of half the domain.leaf_edge_m"
             )
             return Estimate.unknown(self.name, reason, fixed)
-        at.stages.tell("errors: cells half as large")
-        halved = at.tracer.level(at.cell_m / 2)
-        differences = at.tracer.difference(at.tracer.level(at.cell_m), halved)
+        at.tell("errors: cells half as large")
+        halved = at.level(at.cell_m / 2)
+        differences = at.difference(at.level(at.cell_m), halved)
         h_mm = 1e3 * at.cell_m
         method = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
         return Estimate.of(self.name, [step.times(2.0) for step in differences], method, fixed)
@@ -134,10 +135,10 @@ class _Cells(ErrorSource):
         return old.on_lattice(old.spacing_m * max(less, 0.5))
 
 
-def _exact(at: Measurement) -> bool:
+def _exact(at: VariantTracer) -> bool:
     """True if cells are the voxels of a user's grid, or parts of them."""
     return isinstance(at.scene.spray, GridSpray) and in_whole_cells(
-        at.tracer.frame(at.cell_m), at.prepared.sources
+        at.frame(at.cell_m), at.prepared.sources
     )
 
 
@@ -158,7 +159,7 @@ class _Ordinates(ErrorSource):
         droplets = getattr(scene.spray, "droplets", True) is not None
         return scene.transport.directions is None and droplets
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         if not at.trace_errors:
             return []
         key = self.key(at.scene)
@@ -187,14 +188,16 @@ class _Ordinates(ErrorSource):
         return replace(resolution, more_ordinates=factor * resolution.more_ordinates)
 
 
-def beyond(at: Measurement) -> tuple[TraceError, ...]:
+def beyond(at: VariantTracer) -> tuple[TraceError, ...]:
     """Errors of the trace without what other sources state and the audit sees, too.
 
     `path` samples sources within cells, and follows rays to a cutoff of its own.
     """
-    stated = zip(*map(at.errors_K, (CELLS, CUTOFF, GATHER)), strict=True)
+    stated = zip(*(source.errors_K(at) for source in (CELLS, CUTOFF, GATHER)), strict=True)
     pairs = zip(at.trace_errors, stated, strict=False)
-    return tuple(error.beyond(math.hypot(*(e or 0.0 for e in errors))) for error, errors in pairs)
+    return tuple(
+        replace(error, cells_K=math.hypot(*(e or 0.0 for e in errors))) for error, errors in pairs
+    )
 
 
 WAVELENGTHS, CELLS, ORDINATES = _Wavelengths(), _Cells(), _Ordinates()

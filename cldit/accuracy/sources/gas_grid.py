@@ -23,7 +23,8 @@ from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, gas_is_free, lattice_is_cells
 from cldit.accuracy.richardson import extrapolated, richardson
-from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import ErrorSource, remedies
+from cldit.accuracy.variant_tracer import NO_COARSER_LATTICE, VariantTracer
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
 from cldit.medium.gas_reconstruction import coarsened, reconstructed
 from cldit.medium.octree import Sources
@@ -84,12 +85,12 @@ class _GasGrid(ErrorSource):
             return not prepared.on_lattice
         return prepared.spray.vapour is not None
 
-    def predict(self, at: Measurement) -> list[Estimate]:
+    def predict(self, at: VariantTracer) -> list[Estimate]:
         if not self.applies(at.prepared):
             return []
         return self._lattice(at) if at.prepared.cone is not None else self._grid(at)
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         cone = at.prepared.cone
         if cone is None:
             return self.predict(at)
@@ -112,21 +113,21 @@ class _GasGrid(ErrorSource):
         spacing_m = old.spacing_m / ratio ** (1.0 / order)
         return replace(old, spacing_m=max(spacing_m, _FINEST_LATTICE_m))
 
-    def _lattice(self, at: Measurement) -> list[Estimate]:
-        cone, tracer = at.prepared.cone, at.tracer
+    def _lattice(self, at: VariantTracer) -> list[Estimate]:
+        cone = at.prepared.cone
         assert cone is not None
-        at.stages.tell("errors: a lattice twice and four times as coarse")
+        at.tell("errors: a lattice twice and four times as coarse")
         try:
             coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))
         except NO_COARSER_LATTICE:
             return []
-        estimates = richardson(tracer, (tracer.level(at.coarse_m), coarser, coarsest))
+        estimates = richardson(at, (at.level(at.coarse_m), coarser, coarsest))
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
         method, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
         options = {"at_most": estimates[0].bound_K is not None, "size": cone.lattice_m}
         return [extrapolated(self.name, method, key, estimates, **options)]
 
-    def _grid(self, at: Measurement) -> list[Estimate]:
+    def _grid(self, at: VariantTracer) -> list[Estimate]:
         fixed, spec = self.key(at.scene), at.prepared.spec
         if not isinstance(spec, LagrangianSpray):
             reason = "the gas comes on one grid alone; compare with a run from a finer one"
@@ -136,9 +137,8 @@ class _GasGrid(ErrorSource):
             return [Estimate.unknown(self.name, twice, fixed)]
         image_2h, head_m = twice
         heads_m = [at.prepared.spray.notes[_HEAD], head_m]
-        tracer = at.tracer
-        image = tracer.level(at.cell_m)
-        fine_steps = tracer.difference(image, image_2h)
+        image = at.level(at.cell_m)
+        fine_steps = at.difference(image, image_2h)
         h_mm = 1e3 * spec.box.cell_m
         method = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
         again = self._traced(at, spec, 4)
@@ -148,7 +148,7 @@ class _GasGrid(ErrorSource):
         else:
             image_4h, head_m = again
             heads_m.append(head_m)
-            coarse_steps, sums = (tracer.difference(i, image_4h) for i in (image_2h, image))
+            coarse_steps, sums = (at.difference(i, image_4h) for i in (image_2h, image))
             triples = zip(fine_steps, coarse_steps, sums, strict=True)
             rests = [Rest.of(*(step.error_K for step in triple)) for triple in triples]
         remainder = rests[0]
@@ -163,27 +163,27 @@ class _GasGrid(ErrorSource):
         stated = Estimate.of(self.name, errors, method, fixed, order=remainder.order, size=h_m)
         return [replace(stated, figures=figures)]
 
-    def _imported(self, at: Measurement) -> list[Estimate]:
+    def _imported(self, at: VariantTracer) -> list[Estimate]:
         """The error of linear cells, by the same gas in cells twice and four times as large."""
-        gas, images = at.prepared.made.vapour, [at.tracer.level(at.cell_m)]
+        gas, images = at.prepared.made.vapour, [at.level(at.cell_m)]
         for times in _TIMES.values():
             gas = None if gas is None else coarsened(gas)
             if gas is None:
                 return [Estimate.unknown(self.name, "its cells are on no lattice")]
             name = f"gas averaged over cells {times} as large"
-            at.stages.tell(f"errors: {name}")
+            at.tell(f"errors: {name}")
             larger = replace(at.prepared.spray, vapour=reconstructed(gas))
             try:
-                image = at.tracer.variant(name, partial(at.prepared.sources_of, larger), at.cell_m)
+                image = at.variant(name, partial(at.prepared.sources_of, larger), at.cell_m)
             except (MediumError, TransportError) as error:  # larger cells reach further
                 return [Estimate.unknown(self.name, f"{name}: {error}")]
             images.append(image)
         method = "gas averaged over cells twice and four times as large, linear in all"
         key = self.key(at.scene)
-        return [extrapolated(self.name, method, key, richardson(at.tracer, images))]
+        return [extrapolated(self.name, method, key, richardson(at, images))]
 
     def _traced(
-        self, at: Measurement, spec: LagrangianSpray, up: int
+        self, at: VariantTracer, spec: LagrangianSpray, up: int
     ) -> tuple[ImagePair, float] | str:
         """Image of the spray on cells of gas `up` times as large, and the vapour's penetration; or
         why there is none."""
@@ -191,17 +191,17 @@ class _GasGrid(ErrorSource):
         gas: Coarser | str = at.prepared.variant(name, lambda: _coarser_gas(at, spec, up))
         if isinstance(gas, str):
             return gas
-        at.stages.tell(f"errors: {name}")
+        at.tell(f"errors: {name}")
         sources, head_m = gas
         try:
             # On the image's own cells: larger ones would blur those of the gas.
-            return at.tracer.variant(name, lambda: sources, at.cell_m), head_m
+            return at.variant(name, lambda: sources, at.cell_m), head_m
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
             return f"the spray on larger cells of gas: {error}"
 
 
-def _coarser_gas(at: Measurement, spec: LagrangianSpray, up: int) -> Coarser | str:
-    with at.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
+def _coarser_gas(at: VariantTracer, spec: LagrangianSpray, up: int) -> Coarser | str:
+    with at.prepared.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
         return coarser_gas(at.prepared, spec, up)
 
 

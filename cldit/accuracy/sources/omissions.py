@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from cldit.accuracy.errors import OMISSION, Estimate
-from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, remedies
+from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import counted
 from cldit.prepare.medium import Prepared
@@ -59,11 +60,11 @@ class Omission(ErrorSource):
         """True if the scene omits something of a medium."""
         return self.omits(prepared.scene) and not prepared.is_empty
 
-    def predict(self, at: Measurement) -> list[Estimate]:
+    def predict(self, at: VariantTracer) -> list[Estimate]:
         """The error on coarse cells."""
         return self._stated(at, at.coarse_m) if self.applies(at.prepared) else []
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         """The error of the image."""
         method = at.scene.transport.method
         if not self.applies(at.prepared):
@@ -71,11 +72,11 @@ class Omission(ErrorSource):
         if self is CUTOFF and method != "source" and at.trace_errors:
             reason = f"method {method} ends rays at every scattering"  # `path` has one of its own
             return [] if method == "path" else [Estimate.unknown(self.name, reason, self.fixed_by)]
-        cells = counted(at.tracer.frame(at.cell_m), at.prepared.sources, at.tracer.device).swept
+        cells = counted(at.frame(at.cell_m), at.prepared.sources, at.prepared.device).swept
         fine = isinstance(at.scene.spray, GridSpray) and cells <= MOST_SWEPT
         return self._stated(at, at.cell_m if fine or not self.costly else at.coarse_m)
 
-    def _stated(self, at: Measurement, cell_m: float) -> list[Estimate]:
+    def _stated(self, at: VariantTracer, cell_m: float) -> list[Estimate]:
         out = [self._compared(at, cell_m)]
         nodes = len(at.prepared.properties.chosen.quadrature.nodes)
         if self.of_gas and nodes > 1 and at.prepared.sources[1]:
@@ -84,19 +85,18 @@ class Omission(ErrorSource):
             out.append(Estimate.unknown(name, reason, self.fixed_by))
         return out
 
-    def _compared(self, at: Measurement, cell_m: float) -> Estimate:
-        at.stages.tell(f"errors: {self.name}")
-        tracer = at.tracer
+    def _compared(self, at: VariantTracer, cell_m: float) -> Estimate:
+        at.tell(f"errors: {self.name}")
         try:
-            image = tracer.level(cell_m)
-            complete = tracer.variant(self.name, None, cell_m, self.complete, self.split)
+            image = at.level(cell_m)
+            complete = at.variant(self.name, None, cell_m, self.complete, self.split)
         except (MediumError, SprayError, TransportError) as error:
             reason = f"the image that omits nothing cannot be traced: {error}"
             return Estimate.unknown(self.name, reason, self.fixed_by)
         section, name = self.fixed_by.split(".")
         value = getattr(getattr(at.scene, section), name)
         method = f"{self.method.format(value)}, on cells of {1e3 * cell_m:.3g} mm"
-        return Estimate.of(self.name, tracer.difference(image, complete), method, self.fixed_by)
+        return Estimate.of(self.name, at.difference(image, complete), method, self.fixed_by)
 
 
 ORDERS = Omission(

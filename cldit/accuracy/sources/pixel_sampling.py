@@ -12,8 +12,8 @@ import numpy as np
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
-from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
-from cldit.accuracy.variant_tracer import temperature_of
+from cldit.accuracy.sources.base import ErrorSource, remedies
+from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
@@ -42,18 +42,18 @@ class _PixelSampling(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         return scene.camera.rays_across is None and scene.transport.method == "source"
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         assert at.image is not None
-        if at.tracer.settings.whole_pixels and at.scene.transport.method == "path":
+        if at.settings.whole_pixels and at.scene.transport.method == "path":
             return []  # random places in each pixel: part of the noise of paths
         if at.scene.transport.method != "source":
             reason = "not known from random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, reason, self.key(at.scene))]
         return [self._of(at, at.image)]
 
-    def _of(self, at: Measurement, image: ImagePair) -> Estimate:
-        visible = at.tracer.settings.visible
-        temperature = temperature_of(at.tracer.scene, at.prepared, visible=visible)
+    def _of(self, at: VariantTracer, image: ImagePair) -> Estimate:
+        visible = at.settings.visible
+        temperature = temperature_of(at.prepared, visible=visible)
         return pixel_error(temperature, image, self.key(at.scene))
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,9 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Errors
-from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.remarks import too_large
-from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.gas_grid import (
     GAS_GRID,
     ORDER,
@@ -33,6 +31,7 @@ from cldit.run import simulate
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from tests.unit.accuracy.number_images import NumberTracer
 
 H = 1e-3
 CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
@@ -71,10 +70,6 @@ def gas(lower: list[list[float]], edge_m: float, absorption: float = 1.0) -> Cel
 def droplets(place: list[list[float]]) -> PointSource:
     one = np.ones(len(place))
     return PointSource(np.array(place), one, 3 * one, 2 * one, None, (one,))
-
-
-def difference(error_K: float | None) -> ImageDifference:
-    return ImageDifference(error_K, np.full((2, 2), np.nan if error_K is None else error_K))
 
 
 def test_the_same_spray_on_cells_twice_as_large() -> None:
@@ -217,45 +212,29 @@ def test_the_error_of_the_heads(heads_mm: tuple[float, ...], error_mm: float) ->
     assert head_error_m([1e-3 * one for one in heads_mm]) == pytest.approx(1e-3 * error_mm)
 
 
-@dataclass
-class Tracer:
-    """Images are numbers here, and their differences are plain."""
-
-    prepared: Any
-    images_K: dict[str, float | Exception]
-
-    def variant(self, name: str, make: Any, cell_m: float) -> float:
-        assert cell_m == 1e-3 and not isinstance(make(), str)
-        found = self.images_K[name]
-        if isinstance(found, Exception):
-            raise found
-        return found
-
-    def level(self, cell_m: float) -> float:
-        assert cell_m == 1e-3  # the image's own cells
-        return 500.0
-
-    def difference(self, one: float, other: float) -> tuple[ImageDifference, ImageDifference]:
-        return difference(abs(one - other)), difference(abs(one - other) / 2)
-
-
 SPRAY: Any = (("sources",), 0.052)  # and the vapour's penetration
 TWICE, FOUR = "gas on cells twice as large", "gas on cells four times as large"
 
 
+def own_cells(cell_m: float) -> float:
+    """The image on its own cells: larger ones would blur those of the gas."""
+    assert cell_m == 1e-3
+    return 0.0
+
+
 def errors_of(
-    gas: Any, once_K: float | Exception = 509.0, *, more: Any = "too few", twice_K: float = 527.0
+    gas: Any, once_K: float | Exception = 9.0, *, more: Any = "too few", twice_K: float = 27.0
 ) -> Errors:
-    prepared = SimpleNamespace(
-        cone=None,
+    tracer: Any = NumberTracer(
+        own_cells,
+        {TWICE: once_K, FOUR: twice_K},
+        scene=scene(),
         spec=scene().spray,
         made=SimpleNamespace(parcels=None),
         spray=SimpleNamespace(vapour=gas, notes={"vapour_penetration_m": 0.05}),
         variant=lambda name, _: {TWICE: gas, FOUR: more}[name],
     )
-    tracer: Any = Tracer(prepared, {TWICE: once_K, FOUR: twice_K})
-    at = Measurement(scene(), tracer, Stages(None), cell_m=1e-3, coarse_m=2e-3)
-    estimates = GAS_GRID.estimate(at)
+    estimates = GAS_GRID.estimate(tracer)
     heads = {name: error for one in estimates for name, error in one.figures.items()}
     known = not isinstance(gas, str | None) and not isinstance(once_K, Exception)
     assert heads == ({"vapour_penetration_m": pytest.approx(2e-3)} if known else {})
@@ -277,21 +256,20 @@ def test_the_error_is_stated() -> None:
 
 
 def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
-    """509 and 545 K on cells twice and four times as large: 9 and 36 K are of order 2, so 3 K."""
+    """Differences of 9 and 36 K between the three images are of order 2, so 3 K are left."""
 
     def stated(gas: Vapour) -> Errors:
-        made = SimpleNamespace(vapour=gas, parcels=None)
-        case = Spray(vapour=gas)
-        prepared = SimpleNamespace(
-            cone=None, spec=None, made=made, spray=case, sources_of=lambda one: one
-        )
         averaged = "gas averaged over cells {} as large"
-        images: Any = {averaged.format("twice"): 509.0, averaged.format("four times"): 545.0}
-        of: Any = SimpleNamespace(spray=None)
-        tracer: Any = Tracer(prepared, images)
-        at = Measurement(of, tracer, Stages(None), cell_m=1e-3, coarse_m=2e-3)
-        before = [one.cause for one in GAS_GRID.predict(at)]  # on the same cells
-        errors = Errors.of(one.cause for one in GAS_GRID.estimate(at))
+        tracer: Any = NumberTracer(
+            own_cells,
+            {averaged.format("twice"): 9.0, averaged.format("four times"): 45.0},
+            spec=None,
+            made=SimpleNamespace(vapour=gas, parcels=None),
+            spray=Spray(vapour=gas),
+            sources_of=lambda spray: spray,
+        )
+        before = [one.cause for one in GAS_GRID.predict(tracer)]  # on the same cells
+        errors = Errors.of(one.cause for one in GAS_GRID.estimate(tracer))
         assert list(errors.causes) == before
         return errors
 
@@ -305,7 +283,7 @@ def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
     assert cause.error_K is None and "no lattice" in cause.how
 
 
-@pytest.mark.parametrize(("more", "twice_K"), [("too few", 0.0), (SPRAY, 518.0)])
+@pytest.mark.parametrize(("more", "twice_K"), [("too few", 0.0), (SPRAY, 18.0)])
 def test_without_an_order_the_step_is_a_lower_bound(more: Any, twice_K: float) -> None:
     """No third grid, and equal steps."""
     errors = errors_of(SPRAY, more=more, twice_K=twice_K)
@@ -342,18 +320,15 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
     assert [stage.name for stage in stages.done] == ["spray", "optics"]
     traced: list[Sources] = []
 
-    def variant(_: str, made: Any, __: int) -> float:
-        traced.append(made())
-        return 1.0
+    class Tracer(NumberTracer):
+        def variant(self, _: str, made: Any, __: float) -> float:
+            traced.append(made())
+            return 1.0
 
-    tracer: Any = SimpleNamespace(
-        prepared=prepared,
-        variant=variant,
-        level=lambda _: 0.0,
-        difference=lambda *_: (difference(1),) * 2,
-    )
+    tracer: Any = Tracer(own_cells, scene=scene())
+    tracer.prepared = prepared
     for _ in range(2):
-        GAS_GRID.estimate(Measurement(scene(), tracer, stages, cell_m=1e-3, coarse_m=2e-3))
+        GAS_GRID.estimate(tracer)
     assert asked == [(H, tmp_path), (2 * H, tmp_path), (4 * H, tmp_path)]
     named = [stage.name for stage in stages.done]
     more = [f"spray on cells of gas {how} as large" for how in ("twice", "four times")]

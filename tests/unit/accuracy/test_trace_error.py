@@ -77,7 +77,7 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
     square is theirs together; which part is whose, nobody knows.
     """
     halves_K = 0.2
-    found = TraceError(halves_K, audit_K).beyond(cells_K)
+    found = TraceError(halves_K, audit_K, cells_K)
     assert found.whole_K == audit_K
     trace_K = found.error_K
     assert trace_K is not None and trace_K >= min(halves_K, audit_K)
@@ -88,8 +88,7 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
 
 
 def test_unknown_cells_explain_nothing() -> None:
-    assert TraceError(0.2, 0.5).beyond(0.0) == TraceError(0.2, 0.5)
-    assert TraceError(0.2, None).beyond(1.0).error_K == 0.2
+    assert TraceError(0.2, None, 1.0).error_K == 0.2
 
 
 def flat(value: float) -> Weights:
