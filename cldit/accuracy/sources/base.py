@@ -15,6 +15,7 @@ from cldit.scene import Scene
 # Cells of a trace that estimates one error alone. With 48 ordinates they take some 6 core-s (3.5
 # for 2.3e6 cells of gdi-cone), more than the image of most scenes.
 MOST_SWEPT = 4e6
+_CHOSEN_BY_RUN = (None, "auto", "need")  # values of keys
 
 
 def remedies(advice: str, key: str = "", **further: str) -> Mapping[str, str]:
@@ -51,7 +52,7 @@ class ErrorSource(ABC):
         """Key of the scene that fixes the source, of those with a remedy; empty: none."""
         for key in filter(None, self.remedy):
             section, name = key.split(".")
-            if getattr(getattr(scene, section), name, None) not in (None, "auto"):
+            if getattr(getattr(scene, section), name, None) not in _CHOSEN_BY_RUN:
                 return key
         return ""
 
@@ -60,24 +61,19 @@ class ErrorSource(ABC):
         return False
 
     def applies(self, prepared: Prepared) -> bool:
-        """True if the error of a prepared medium can be estimated on coarse cells."""
-        return False
-
-    def predict(self, at: VariantTracer) -> Sequence[Estimate]:
-        """Errors by this source on coarse cells, before the image is traced."""
-        return ()
+        """True if a medium has the source."""
+        return True
 
     @abstractmethod
     def estimate(self, at: VariantTracer) -> Sequence[Estimate]:
-        """Errors of the image by this source; none where the scene does not have it."""
+        """Errors by this source; those `of_spray` on coarse cells where there is no image yet."""
 
     def of(self, at: VariantTracer) -> Sequence[Estimate]:
-        """Errors by this source, before or after the image is traced; each made once."""
+        """Errors by this source, each estimated once; none where the medium does not have it."""
         if self.name not in at.estimates:
-            estimated = self.predict if at.image is None else self.estimate
-            by = self.shared_by
+            estimates = self.estimate(at) if self.applies(at.prepared) else ()
             at.estimates[self.name] = [
-                replace(e, cause=replace(e.cause, shared_by=by)) for e in estimated(at)
+                replace(e, cause=replace(e.cause, shared_by=self.shared_by)) for e in estimates
             ]
         return at.estimates[self.name]
 

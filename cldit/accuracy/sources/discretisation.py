@@ -77,11 +77,6 @@ class _Cells(ErrorSource):
         domain__rule="domain.rule: need, or a smaller domain.leaf_edge_m",
     )
 
-    def key(self, scene: Scene) -> str:
-        if scene.domain.leaf_edge_m is not None:
-            return "domain.leaf_edge_m"
-        return "domain.rule" if scene.domain.rule == "paper" else ""
-
     def is_free(self, scene: Scene) -> bool:
         return cells_are_free(scene) and not isinstance(scene.spray, GridSpray)
 

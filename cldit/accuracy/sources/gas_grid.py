@@ -82,22 +82,17 @@ class _GasGrid(ErrorSource):
 
     def applies(self, prepared: Prepared) -> bool:
         if prepared.cone is not None:
-            return not prepared.on_lattice
+            return not (prepared.on_lattice or prepared.is_empty)
         return prepared.spray.vapour is not None
-
-    def predict(self, at: VariantTracer) -> list[Estimate]:
-        if not self.applies(at.prepared):
-            return []
-        return self._lattice(at) if at.prepared.cone is not None else self._grid(at)
 
     def estimate(self, at: VariantTracer) -> list[Estimate]:
         cone = at.prepared.cone
         if cone is None:
-            return self.predict(at)
+            return self._grid(at)
+        if at.image is None:
+            return self._lattice(at, cone)
         if self.name in at.predicted:
             return [at.predicted[self.name].at(cone.lattice_m)]
-        if at.prepared.on_lattice or at.prepared.is_empty:
-            return []
         twice, four = (f"{1e3 * up * cone.lattice_m:.3g}" for up in (2, 4))
         reason = (
             f"no estimate from lattices of {twice} and {four} mm, which do not resolve the plumes "
@@ -113,9 +108,7 @@ class _GasGrid(ErrorSource):
         spacing_m = old.spacing_m / ratio ** (1.0 / order)
         return replace(old, spacing_m=max(spacing_m, _FINEST_LATTICE_m))
 
-    def _lattice(self, at: VariantTracer) -> list[Estimate]:
-        cone = at.prepared.cone
-        assert cone is not None
+    def _lattice(self, at: VariantTracer, cone: ConeSpray) -> list[Estimate]:
         at.tell("errors: a lattice twice and four times as coarse")
         try:
             coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))

@@ -60,15 +60,11 @@ class Omission(ErrorSource):
         """True if the scene omits something of a medium."""
         return self.omits(prepared.scene) and not prepared.is_empty
 
-    def predict(self, at: VariantTracer) -> list[Estimate]:
-        """The error on coarse cells."""
-        return self._stated(at, at.coarse_m) if self.applies(at.prepared) else []
-
     def estimate(self, at: VariantTracer) -> list[Estimate]:
-        """The error of the image."""
+        """The error of the image; on coarse cells before there is one."""
         method = at.scene.transport.method
-        if not self.applies(at.prepared):
-            return []
+        if at.image is None:
+            return self._stated(at, at.coarse_m)
         if self is CUTOFF and method != "source" and at.trace_errors:
             reason = f"method {method} ends rays at every scattering"  # `path` has one of its own
             return [] if method == "path" else [Estimate.unknown(self.name, reason, self.fixed_by)]

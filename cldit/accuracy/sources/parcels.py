@@ -71,9 +71,7 @@ class _Parcels(ErrorSource):
             return False
         return int(np.count_nonzero(parcels.droplets)) >= 2
 
-    def predict(self, at: VariantTracer) -> list[Estimate]:
-        if not self.applies(at.prepared):
-            return []
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         key = self.key(at.scene)
         variants_of: ParcelVariants = at.prepared.variant(
             self.name, lambda: parcel_variants(at.prepared)
@@ -102,9 +100,6 @@ class _Parcels(ErrorSource):
                 out.append(Estimate.unknown("gas of few parcels", reason, key))
         return out
 
-    def estimate(self, at: VariantTracer) -> list[Estimate]:
-        return self.predict(at)
-
 
 class _SizeClasses(ErrorSource):
     """The number of classes of droplet size: the error falls as one over their number."""
@@ -119,13 +114,19 @@ class _SizeClasses(ErrorSource):
         return isinstance(scene.spray, ConeSpray) and not self.key(scene)
 
     def applies(self, prepared: Prepared) -> bool:
-        cone = prepared.cone
-        return cone is not None and cone.classes > 1
+        return prepared.cone is not None and not prepared.is_empty
 
-    def predict(self, at: VariantTracer) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         cone = at.prepared.cone
-        if cone is None or not self.applies(at.prepared):
-            return []
+        assert cone is not None
+        if at.image is None:
+            return self._halved(at, cone) if cone.classes > 1 else []
+        if self.name in at.predicted:
+            return [at.predicted[self.name].at(1 / cone.classes)]
+        reason = "one class alone, or no coarser lattice to compare on"
+        return [Estimate.unknown(self.name, reason, "spray.size_classes")]
+
+    def _halved(self, at: VariantTracer, cone: ConeSpray) -> list[Estimate]:
         try:
             if at.prepared.on_lattice:
                 cone, all_classes = at.cone_at(at.coarse_m), at.level(at.coarse_m)
@@ -142,17 +143,6 @@ class _SizeClasses(ErrorSource):
         method = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
         key, size = self.key(at.scene), 1 / cone.classes
         return [Estimate.of(self.name, differences, method, key, size=size)]
-
-    def estimate(self, at: VariantTracer) -> list[Estimate]:
-        cone = at.prepared.cone
-        if cone is None:
-            return []
-        if self.name in at.predicted:
-            return [at.predicted[self.name].at(1 / cone.classes)]
-        if at.prepared.is_empty:
-            return []
-        reason = "one class alone, or no coarser lattice to compare on"
-        return [Estimate.unknown(self.name, reason, "spray.size_classes")]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if old.size_classes is None:
