@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from cldit.accuracy.allocation import Allocation, free_sources
+from cldit.accuracy.allocation import Allocation, free_sources, shares_of, split
 from cldit.accuracy.converge import Result, refine
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.problem import Problem
@@ -90,61 +91,71 @@ def refined(
     return None if finer is None else finer[0]
 
 
-def test_all_that_is_left_out_is_free() -> None:
-    assert free_sources(scene_of()) == ("trace", "cells", "size classes")  # lattice: the cells'
+def test_sources_without_a_key_are_free() -> None:
+    """The lattice of a cone is free where it is not that of the cells."""
+    assert free_sources(scene_of()) == ("trace", "cells", "size classes")
     own = scene_of(domain={"leaf_edge_m": 1e-3})
     assert free_sources(own) == ("trace", "gas grid", "size classes")
-    fixed = scene_of(
-        domain={"leaf_edge_m": 1e-3},
-        transport={"directions": 16},
-        spray={"size_classes": 4, "spacing_m": 1e-3},
-    )
-    assert free_sources(fixed) == ()
-    assert free_sources(scene_of(optics={"preset": "spectral"}))[1] == "wavelengths"
     given = scene_of(optics={"preset": "spectral", "spectral_error_K": 0.3})
-    assert "wavelengths" not in free_sources(given)
     assert first(given).spectral_K == 0.3
     assert "trace" not in free_sources(load_scene("methane-jet"))  # nothing scatters
     auto = scene_of(camera={"rays_per_pixel": "auto"})
     assert free_sources(auto) == ("trace", "cells", "pixel sampling", "size classes")
-    by_path: dict[str, Any] = {
-        "camera": {"rays_per_pixel": "auto"},
-        "transport": {"method": "path"},
-    }
-    assert "pixel sampling" not in free_sources(scene_of(**by_path))
+    path = auto.with_(**{"transport.method": "path"})
+    assert "pixel sampling" not in free_sources(path)
     better = refined(first(auto), auto, {"cells": 0.1, "pixel sampling": 2.0})
     assert better is not None and better.pixels_K == pytest.approx((1 - 0.1**2) ** 0.5)
 
 
-def test_the_lattice_is_that_of_the_cells() -> None:
-    resolution = first(scene_of())
-    assert resolution.cube_m == resolution.domain_m
-    for spacing_m in (0.5e-3, 0.33e-3, 0.2 / 512):
-        on = resolution.on_lattice(spacing_m)
-        assert on.spacing_m == spacing_m and on.depth is not None and on.cube_m is not None
-        assert on.cube_m / 2**on.depth == pytest.approx(spacing_m)
-        assert 1 - 1e-9 <= on.cube_m / on.domain_m < 2.0
-        assert on.at_depth(on.depth - 1).spacing_m == pytest.approx(2 * spacing_m)
-    fine = refined(
-        resolution.on_lattice(0.5e-3),
-        scene_of(),
-        {"cells": 2.0, "trace": 0.1},
-        orders={"cells": 1.5},
-    )
-    assert fine is not None and fine.spacing_m is not None
-    assert 0.5 <= fine.spacing_m / 0.5e-3 < 1.0  # halved at most
-    assert first(scene_of(spray={"spacing_m": 1e-3})).cube_m is None
-    assert first(scene_of(transport={"audit": False})).cube_m is None
+def test_shares_cost_least() -> None:
+    """Cells and ordinates multiply each other's cost: no other shares of an error cost less."""
+    sources = {name: BY_NAME[name] for name in ("cells", "trace")}
+    shares_K = split(2.0, sources)
+    assert sum(share_K**2 for share_K in shares_K.values()) == pytest.approx(4.0)
+    assert split(1.0, {}) == {}
+
+    def cost(cells_K: float) -> float:
+        return float(cells_K**-3.0 * (4.0 - cells_K**2) ** (-1.5 / 2))
+
+    others = np.linspace(0.1, 1.98, 400)
+    assert cost(shares_K["cells"]) <= min(map(cost, others)) * (1 + 1e-9)
+
+
+def test_shares_of_added_costs() -> None:
+    """Sources that add their own costs, 4 / e and 1 / e^2: their shares are those at the least."""
+    ways = np.linspace(0.01, 0.999, 20_000)  # of the first error
+    first, second = 4.0 / ways, 1.0 / (1 - ways**2)
+    least = int(np.argmin(first + second))
+    whole = first[least] + second[least]
+    added: Any = {
+        "a": SimpleNamespace(cost_power=1.0, cost_share=first[least] / whole),
+        "b": SimpleNamespace(cost_power=2.0, cost_share=second[least] / whole),
+    }
+    assert split(1.0, added)["a"] == pytest.approx(ways[least], abs=2e-3)
+
+
+def test_shares_go_by_the_list_of_sources() -> None:
+    """Sums of squares are then the same to the last bit, whatever the hashes of names."""
+    errors_K = {
+        "cells": 0.31, "trace": 0.13, "wavelengths": 0.07, "size classes": 0.011, "gas grid": 2.0,
+        "pixel sampling": 0.17,
+    }  # fmt: skip
+    shares = [shares_of(1.0, dict(order)) for order in permutations(errors_K.items())]
+    assert all(share == shares[0] for share in shares)
 
 
 def test_shares_fill_the_whole() -> None:
     allocation = allocation_of(scene_of(transport={"accuracy_K": 2.0}))
-    assert sum(one**2 for one in allocation.shares_K.values()) == pytest.approx(4.0)
+    assert sum_K2(allocation) == pytest.approx(4.0)
     assert allocation["trace"] == allocation.shares_K["trace"] < allocation.cells_K < 2.0
 
 
 def fixed(error_K: float, *, at_most: bool = False, name: str = "gas grid") -> Estimate:
     return Estimate(Cause(name, error_K, "x", at_most=at_most))
+
+
+def sum_K2(allocation: Allocation) -> float:
+    return sum(share_K**2 for share_K in allocation.shares_K.values())
 
 
 def of(scene: Scene, *known: Estimate) -> Allocation:
@@ -156,7 +167,7 @@ def test_fixed_errors_bound_the_others() -> None:
     scene = scene_of("gdi-flow", transport={"accuracy_K": 0.5})
     allocation = of(scene, fixed(9.0), fixed(1.2, name="parcels"))
     fixed_K2 = 9.0**2 + 1.2**2
-    assert sum(one**2 for one in allocation.shares_K.values()) == pytest.approx(0.1 * fixed_K2)
+    assert sum_K2(allocation) == pytest.approx(0.1 * fixed_K2)
     assert allocation["trace"] == allocation.shares_K["trace"] > of(scene)["trace"]
     trace_K = 0.6 * allocation["trace"]
     assert allocation.cells_K**2 + trace_K**2 == pytest.approx(0.1 * fixed_K2)
@@ -186,17 +197,11 @@ def test_an_upper_bound_makes_nothing_coarser() -> None:
     assert allocation["trace"] == before["trace"]
     assert allocation.cells_K == pytest.approx(0.5 * before.shares_K["cells"])
     both = of(scene, bound, fixed(5.0, name="parcels"))  # nor does it hide what is no bound
-    assert sum(one**2 for one in both.shares_K.values()) == pytest.approx(0.1 * 5.0**2)
+    assert sum_K2(both) == pytest.approx(0.1 * 5.0**2)
     some = of(scene, fixed(0.5, at_most=True))
     assert some.cells_K**2 == pytest.approx(0.75 * before.cells_K**2)
     unknown = Estimate.unknown("gas grid", "x")
     assert of(scene, unknown) == before
-
-
-def test_fixed_keys_stay() -> None:
-    scene = scene_of(spray={"size_classes": 7, "spacing_m": 0.7e-3})
-    assert not {"size classes", "gas grid"} & allocation_of(scene).shares_K.keys()
-    assert first(scene).spray(scene) == scene.spray
 
 
 def test_gas_is_halved_so_that_coarser_sprays_are_those_of_before() -> None:
@@ -293,17 +298,9 @@ def test_any_edge_is_a_cell_of_the_cube(spacing_m: float) -> None:
     assert resolution.cube_m / 2**resolution.depth == pytest.approx(spacing_m, rel=1e-12)
     assert resolution.domain_m * (1 - 1e-8) <= resolution.cube_m < 2 * resolution.domain_m
     assert resolution.at_depth(resolution.depth) == resolution
+    assert resolution.at_depth(resolution.depth - 1).spacing_m == pytest.approx(2 * spacing_m)
     cone = resolution.spray(scene_of())
     assert isinstance(cone, ConeSpray) and cone.spacing_m == spacing_m
-
-
-def test_memory_makes_lattice_and_cells_coarser_together() -> None:
-    resolution = first(scene_of()).on_lattice(0.3e-3)
-    assert resolution.depth is not None
-    coarser = resolution.at_depth(resolution.depth - 1).limited("cells", "why")
-    assert coarser.depth == resolution.depth - 1 and coarser.spacing_m == pytest.approx(0.6e-3)
-    assert coarser.limits == {"cells": "why"}
-    assert coarser.limited("cells", "").limits == {}
 
 
 @pytest.mark.parametrize(("cells_K", "order"), [(1.3, 1.0), (1.3, 2.0), (9.0, 1.0)])

@@ -23,8 +23,7 @@ from cldit.accuracy.sources.gas_grid import (
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
-from cldit.medium.octree import CellSource, PointSource, Sources, build_octrees
-from cldit.medium.resolution import within
+from cldit.medium.octree import CellSource, Sources
 from cldit.prepare import medium
 from cldit.prepare.stages import Stages
 from cldit.run import simulate
@@ -35,7 +34,6 @@ from tests.unit.accuracy.number_images import NumberTracer
 
 H = 1e-3
 CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
-NONE: Any = None
 
 
 def vapour(h_m: float = H, *, long: int = 24) -> Vapour:
@@ -61,24 +59,12 @@ def prepared(gas: Vapour, resprayed: Any) -> Any:
     )
 
 
-def gas(lower: list[list[float]], edge_m: float, absorption: float = 1.0) -> CellSource:
-    low = np.array(lower)
-    some, none = np.full(len(low), absorption), np.zeros(len(low))
-    return CellSource(low, low + edge_m, some, 2 * some, none, none, none)
-
-
-def droplets(place: list[list[float]]) -> PointSource:
-    one = np.ones(len(place))
-    return PointSource(np.array(place), one, 3 * one, 2 * one, None, (one,))
-
-
 def test_the_same_spray_on_cells_twice_as_large() -> None:
     asked: list[LagrangianSpray] = []
-    sources: Sources = (droplets([[0, 0, 0]]), [gas([[0.0, 0.0, 0.0]], 2 * H)])
 
     def made(spec: LagrangianSpray) -> Sources:
         asked.append(spec)
-        return sources
+        return None, []
 
     spec = LagrangianSpray(seed=7)
     for up in (2, 4):
@@ -97,78 +83,41 @@ def test_the_same_spray_on_cells_twice_as_large() -> None:
         (1e-3, vapour(long=11), "5.5 along the vapour"),  # 6 are 12 of those of half the edge
         (1e-3, vapour(2e-3), "the spray was given"),
         (6e-3, vapour(6e-3, long=24), "above 0.01 m"),
+        (1e-3, vapour(), "the gas is too fast"),
     ],
 )
 def test_no_spray_where_none_tells(spacing_m: float, here: Vapour, why: str) -> None:
-    def never(_: LagrangianSpray) -> Sources:
-        raise AssertionError("made")
-
-    spec = LagrangianSpray(box={"spacing_m": spacing_m})
-    found = coarser_gas(prepared(here, never), spec, 2)
-    assert isinstance(found, str) and why in found
-
-
-def test_a_flow_that_cannot_be_followed() -> None:
     def fails(_: LagrangianSpray) -> Sources:
         raise SprayError("the gas is too fast")
 
-    found = coarser_gas(prepared(vapour(), fails), LagrangianSpray(), 2)
-    assert isinstance(found, str) and "too fast" in found
-
-
-def test_what_lies_outside_is_cut_off() -> None:
-    """A quarter of one of three cells, and one of four parcels; the octree takes the rest."""
-    edge = 8e-3
-    lower = [[0.0, 0.0, 0.0], [-0.034, 0.0, 0.0], [0.0, 0.0, 0.032]]  # the last touches the cube
-    points = droplets([[0, 0, 0], [0.03, 0, 0], [0, 0, -0.03], [0.04, 0, 0]])
-    cut, lost = within(CUBE, (points, [gas(lower, edge)]))
-    assert lost == pytest.approx((0.25 + 1) / 3)  # of the gas, which is more than 1/4
-    placed, (cells,) = cut
-    assert placed is not None and len(placed.position_m) == 3
-    assert len(cells.lower_m) == 2 and cells.lower_m[1, 0] == pytest.approx(-0.032)
-    with pytest.raises(MediumError):
-        build_octrees(CUBE, [(points, [gas(lower, edge)])], optical_depth_split=1e-5, device=None)
-    tree = build_octrees(CUBE, [cut], optical_depth_split=1e-5, device=None)[0]
-    assert tree.integral("vapour_absorption") == pytest.approx(1.75 * edge**3)
-    assert tree.integral("droplet_scattering") == pytest.approx(9.0)
-    whole = (droplets([[0, 0, 0]]), [gas(lower[:1], edge)])
-    same, none = within(CUBE, whole)
-    assert none == 0.0 and np.array_equal(same[1][0].upper_m, whole[1][0].upper_m)
+    spec = LagrangianSpray(box={"spacing_m": spacing_m})
+    found = coarser_gas(prepared(here, fails), spec, 2)
+    assert isinstance(found, str) and why in found
 
 
 def test_too_much_outside_is_no_answer() -> None:
     """One part in a thousand of the gas is what may be lost."""
-    beside = gas([[0.04, 0.0, 0.0]], 2e-3)
-    for absorption, known in ((500.0, False), (1100.0, True)):
-        inside = gas([[0.0, 0.0, 0.0]], 2e-3, absorption)
-        sources: Sources = (None, [_both(inside, beside)])
+    low = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0]])
+    none = np.zeros(2)
+    for inside, known in ((500.0, False), (1100.0, True)):
+        absorption = np.array([inside, 1.0])
+        gas = CellSource(low, low + 2e-3, absorption, 2 * absorption, none, none, none)
+        sources: Sources = (None, [gas])
         found = coarser_gas(prepared(vapour(), lambda _, s=sources: s), LagrangianSpray(), 2)
         assert isinstance(found, str) != known
         assert known or "0.2 % of the spray" in found
-
-
-def _both(one: CellSource, other: CellSource) -> CellSource:
-    return CellSource(
-        *(
-            np.concatenate([getattr(each, name) for each in (one, other)])
-            for name in CellSource.__dataclass_fields__
-        )
-    )
 
 
 @pytest.mark.parametrize(
     ("steps_K", "factor"),
     [
         ((4.0, 8.0, 12.0), 1.0),  # 4 C h and 8 C h, all of one sign: Richardson's, order 1
-        ((6.0, 10.0, 16.0), 1.5),  # all of one sign, slower: 6 / 10 of the displacement each
         ((5.0, 50.0**0.5, 75.0**0.5), 1.0),  # fronts, order 1: half the displacement, 0.71 the RMS
         ((6.0, 60.0**0.5, 96.0**0.5), 1.5**0.5),  # fronts, slower: 0.6 of the displacement
         ((4.0, 8.0, 80.0**0.5), 0.6**0.5),  # fronts: no higher order than 1.4 is relied on
         ((4.0, 8.0, 4.0), 0.6**0.5),  # of opposite sign: as unrelated
-        ((3.0, 12.0, 15.0), 0.6),  # of one sign
         ((15.2, 17.7, 32.9), "steps are 18 and 15 K"),  # hardly smaller on smaller cells
         ((None, 8.0, 12.0), "unknown"),
-        ((0.0, 0.0, 0.0), "unknown"),
     ],
 )
 def test_the_steps_that_are_left_are_summed(
@@ -182,7 +131,7 @@ def test_the_steps_that_are_left_are_summed(
         assert isinstance(found, str) and factor in found
 
 
-@pytest.mark.parametrize(("order", "width"), [(1.0, 0), (0.7, 0), (1.0, 2000), (0.7, 2000)])
+@pytest.mark.parametrize(("order", "width"), [(1.0, 0), (0.7, 2000)])
 def test_the_error_of_a_displaced_front(order: float, width: int) -> None:
     """An edge, and a slope wider than its displacements, displaced by 512 (h / h0)^order of 8192
     pixels: the estimate from three grids is the difference from the edge in its place. To 2 % the

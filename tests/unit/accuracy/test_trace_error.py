@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cldit.accuracy.node_traces import summed
-from cldit.accuracy.remarks import of_trace, too_large
+from cldit.accuracy.remarks import of_trace
 from cldit.accuracy.trace_error import TraceError
 from cldit.dit.maps import Maps, Reason
 from cldit.gpu.device import Device
@@ -24,31 +24,13 @@ from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Audit
 
 
-def said(halves: float | None, **transport: Any) -> tuple[str, ...]:
-    """Remarks of a run without audit."""
-    scene = load_scene("gdi-cone").with_(
-        **{f"transport.{key}": value for key, value in transport.items()}
-    )
-    return too_large(of_trace(scene, TraceError(halves)), 0.1, {})
-
-
-@pytest.mark.parametrize(
-    ("asked", "remedy"),
-    [
-        ({}, "allowed: more transport.directions or a larger transport.max_samples"),
-        ({"directions": 16}, "set by transport.directions; allowed: more transport.directions, or"),
-    ],
-)
-def test_more_than_asked(asked: dict[str, Any], remedy: str) -> None:
-    (text,) = said(0.24, **asked)
-    assert text.startswith("stated error 0.24 K RMS, more than transport.accuracy_K: 0.1 asks for:")
-    assert remedy in text
-
-
-@pytest.mark.parametrize(("halves", "told"), [(0.0, 0), (0.1, 0), (0.1049, 0), (0.1051, 1)])
-def test_as_asked(halves: float, told: int) -> None:
-    """As it is printed, with two digits."""
-    assert len(said(halves)) == told
+def test_a_run_without_audit_states_its_trace_alone() -> None:
+    scene = load_scene("gdi-cone")
+    (cause,) = of_trace(scene, TraceError(0.24)).causes
+    assert (cause.name, cause.error_K, cause.fixed) == ("trace", 0.24, "")
+    (cause,) = of_trace(scene.with_(**{"transport.directions": 16}), TraceError(0.24)).causes
+    assert cause.fixed == "transport.directions"
+    assert of_trace(scene, None).causes == ()
 
 
 def test_audit_is_stated() -> None:
@@ -65,7 +47,6 @@ def test_unknown() -> None:
     assert text == "error of the trace in T_app: unknown (why)"
     (text,) = TraceError(0.05, unknown="why").unknown_remarks
     assert text.startswith("error of the trace in T_app: at least 0.05 K RMS")
-    assert said(None) == ()
 
 
 @pytest.mark.parametrize("audit_K", [0.0, 0.3, 0.8, 2.0])
