@@ -20,6 +20,7 @@ from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.discretisation import spectral_K
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError, TransportError
+from cldit.medium.resolution import DEEPEST
 from cldit.prepare.preview import coarsest_depth
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
@@ -66,7 +67,8 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
             cell_m, limited = chosen or (cell_m, limited)
             reason = "no pixel has a T_app" if chosen is None else f"{allocation.cells_K:.2g} K"
             note.append(f"cells of {1e3 * cell_m:.3g} mm for {reason}")
-    return resolution.in_cells(tracer.frame(cell_m)).limited("cells", limited), allocation
+    resolution = resolution.at_depth(tracer.frame(cell_m).depth, cell_m)
+    return resolution.limited("cells", limited), allocation
 
 
 def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Resolution:
@@ -103,11 +105,9 @@ def coarse_estimates(tracer: VariantTracer) -> tuple[Estimate, ...]:
     return tuple(estimate for estimate in estimates if estimate.error_K is not None)
 
 
-_FINEST = 12  # halvings: 4096 cells along an edge
 _ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
-_CLOSE = 1.1  # of the tolerance: a coarse trace of the image's own cells costs as much as that
 _ALL_HALVINGS = (
-    f"the cube is halved {_FINEST} times at most; allowed: a smaller domain.edge_m, or a larger "
+    f"the cube is halved {DEEPEST} times at most; allowed: a smaller domain.edge_m, or a larger "
     "transport.accuracy_K"
 )
 
@@ -115,12 +115,12 @@ _ALL_HALVINGS = (
 def coarsest_m(tracer: VariantTracer) -> float:
     """Edge of the cells of the coarsest trace."""
     edge_m = tracer.prepared.cube.edge_m
-    depth = min(coarsest_depth(tracer.scene, edge_m), _FINEST - 3)
+    depth = min(coarsest_depth(tracer.scene, edge_m), DEEPEST - 3)
     return float(edge_m / 2**depth)
 
 
 def _finest_m(tracer: VariantTracer) -> float:
-    return float(tracer.prepared.cube.edge_m / 2**_FINEST)
+    return float(tracer.prepared.cube.edge_m / 2**DEEPEST)
 
 
 def _less(estimate: RichardsonEstimate, error_K: float) -> float:
@@ -172,7 +172,7 @@ def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str]
         if estimates is None:
             return None
         ends = cell_m / step < finest_m
-        if max(estimate.bound_K or 0.0 for estimate in estimates) > _CLOSE * tolerance_K:
+        if max(estimate.bound_K or 0.0 for estimate in estimates) > tolerance_K / SAFE:
             if not ends:
                 cell_m /= step
                 continue  # outside the asymptotic range: finer cells tell the order
@@ -188,7 +188,7 @@ def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str]
         if on_lattice:
             less = min(_less(estimate, SAFE * tolerance_K) for estimate in estimates)
         predicted_K = max(estimate.at(less).error_K for estimate in estimates)
-        if less >= _LEAST and predicted_K <= _CLOSE * tolerance_K:
+        if less >= _LEAST and predicted_K <= tolerance_K / SAFE:
             return cell_m * less, ""
         cell_m /= step
         if cell_m / step < finest_m:

@@ -21,9 +21,9 @@ from cldit.scene.spray import ConeSpray
 from cldit.spray.result import Spray
 from cldit.transport.trace import TraceSettings
 
-_COARSER = 1.15  # steps to the finest lattice that suits a cone, or fits the memory
-_HARDLY = 0.9  # of an edge: cells that are not smaller than that have nearly the same error
-_LEAST_DEPTH = 3
+# Steps to the finest lattice that suits a cone, or fits the memory: cells that differ by less have
+# nearly the same error.
+_COARSER = 1.15
 
 
 @dataclass
@@ -46,11 +46,11 @@ class Problem:
         given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
         while True:
             if self._prepared is not None:
-                if self._prepared[0] == resolution.prepared_key:  # even if memory is less now
-                    return resolution, self._prepared[1]
-                resolution = clamp_to_memory(resolution, self._prepared[1])
-                if self._prepared[0] == resolution.prepared_key:
-                    return resolution, self._prepared[1]
+                key, prepared = self._prepared
+                if key != resolution.prepared_key:  # else it is kept even if memory is less now
+                    resolution = clamp_to_memory(resolution, prepared)
+                if key == resolution.prepared_key:
+                    return resolution, prepared
             try:
                 prepared = prepare(
                     self.scene,
@@ -121,7 +121,7 @@ class Problem:
                 return resolution, prepared, prepared.grown(depth)
             except MediumError:
                 depth = resolution.depth
-                if depth is None or depth <= _LEAST_DEPTH or not cells_are_free(self.scene):
+                if not depth or not cells_are_free(self.scene):
                     raise
                 if not on_lattice:
                     reason = too_many(prepared.frame.at(depth).cell_m)
@@ -143,7 +143,7 @@ class Problem:
         possible = clamp_to_memory(finer, prepared)
         if possible is finer or possible.spacing_m is None or than.spacing_m is None:
             return ""
-        hardly = possible.spacing_m >= _HARDLY * than.spacing_m
+        hardly = _COARSER * possible.spacing_m >= than.spacing_m
         return possible.limits.get("cells", "") if hardly else ""
 
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cldit.medium.frame import Frame
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 
@@ -75,18 +74,11 @@ class Resolution:
         update = {"size_classes": self.size_classes, "spacing_m": self.spacing_m}
         return spec.model_copy(update=update)
 
-    def in_cells(self, frame: Frame) -> Resolution:
-        """The cells of a cube, and the lattice that goes with it."""
-        return (
-            replace(self, depth=frame.depth)
-            if self.cube_m is None
-            else self.on_lattice(frame.cell_m)
-        )
-
-    def at_depth(self, depth: int) -> Resolution:
-        """The cube halved `depth` times, and the lattice that goes with it."""
+    def at_depth(self, depth: int, cell_m: float | None = None) -> Resolution:
+        """The cube halved `depth` times, and the lattice that goes with it: of `cell_m`, or as fine
+        as the cube's cells."""
         if self.cube_m is not None:
-            return self.on_lattice(math.ldexp(self.cube_m, -depth))
+            return self.on_lattice(cell_m or math.ldexp(self.cube_m, -depth))
         return replace(self, depth=depth)
 
     def on_lattice(self, spacing_m: float) -> Resolution:

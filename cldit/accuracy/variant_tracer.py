@@ -279,8 +279,7 @@ class VariantTracer:
         """The traced pixels of an image of the whole run, by the rays of this tracer's images."""
         if self.stride == 1:
             return ImagePair.of(result)
-        chosen = self.scene.camera.rays_across is None
-        image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
+        image = ImagePair.of(result, middle=self.scene.camera.rays_across is None)
         return image.map(lambda image: _picked(image, self.stride))
 
     def difference(

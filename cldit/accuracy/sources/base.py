@@ -42,10 +42,10 @@ class ErrorSource(ABC):
 
     name: str
     shared_by: str
+    remedy: Mapping[str, str]
     cost_power: float = 0.0
     cost_share: float = 1.0
     of_spray: bool = False
-    remedy: Mapping[str, str] = remedies("a larger transport.accuracy_K")
     also: tuple[str, ...] = ()
 
     def key(self, scene: Scene) -> str:

@@ -38,8 +38,8 @@ _LARGEST_M = 1e-2  # that a scene may have
 _FEWEST = 6  # cells along the vapour, where a plume has three across
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
-_FIRST_ORDER = 0.5  # ratio of displacements
-# Between first order, of fronts, and second, of smooth gas. In 27 rows of
+# Ratio of the displacements of two steps, and the fastest that is relied on: between first order,
+# of fronts, and second, of smooth gas. In 27 rows of
 # docs/benchmarks/error-sources.md stated / true is 0.70 to 2.4; with 0.5 it was 0.94 to 3.1.
 _FASTEST = 0.375
 _SLOWEST = 0.75  # displacements that fall by less need not converge
@@ -149,7 +149,8 @@ class _GasGrid(ErrorSource):
         if isinstance(remainder, str):
             stated = Estimate.of(self.name, fine_steps, method, fixed)
             return [replace(stated, figures=figures), Estimate.unknown(ORDER, remainder, fixed)]
-        method += f", times {remainder.factor:.2g}: {remainder.text}"
+        method += f", times {remainder.factor:.2g}: steps fall by {remainder.ratio:.2g}, "
+        method += f"correlation {remainder.correlation:.2g}"
         factors = ((remainder if isinstance(rest, str) else rest).factor for rest in rests)
         errors = [step.times(factor) for step, factor in zip(fine_steps, factors, strict=True)]
         h_m = spec.box.cell_m
@@ -181,7 +182,7 @@ class _GasGrid(ErrorSource):
         """Image of the spray on cells of gas `up` times as large, and the vapour's penetration; or
         why there is none."""
         name = f"gas on cells {_TIMES[up]} as large"
-        gas: Coarser | str = at.prepared.variant(name, lambda: _coarser_gas(at, spec, up))
+        gas: Coarser | str = at.prepared.variant(name, lambda: coarser_gas(at.prepared, spec, up))
         if isinstance(gas, str):
             return gas
         at.tell(f"errors: {name}")
@@ -191,11 +192,6 @@ class _GasGrid(ErrorSource):
             return at.variant(name, lambda: sources, at.cell_m), head_m
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
             return f"the spray on larger cells of gas: {error}"
-
-
-def _coarser_gas(at: VariantTracer, spec: LagrangianSpray, up: int) -> Coarser | str:
-    with at.prepared.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
-        return coarser_gas(at.prepared, spec, up)
 
 
 def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Coarser | str:
@@ -214,8 +210,9 @@ def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Coarser |
     if larger_m > _LARGEST_M:
         return f"{name} are above {_LARGEST_M:g} m"
     try:
-        spray = prepared.other_spray(spec.on_gas(larger_m))
-        sources = prepared.sources_of(spray)
+        with prepared.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
+            spray = prepared.other_spray(spec.on_gas(larger_m))
+            sources = prepared.sources_of(spray)
     except (SprayError, OpticsError) as error:
         return f"the spray on {name}: {error}"
     sources, lost = within(prepared.cube, sources)
@@ -231,7 +228,7 @@ def head_error_m(heads_m: Sequence[float]) -> float:
     """Error of the vapour's penetration on the first of grids, each of twice the cells of the one
     before: the larger one by first order from any step, since steps change sign."""
     steps_m = np.abs(np.diff(heads_m))
-    return float(np.max(steps_m * _FIRST_ORDER ** np.arange(len(steps_m))))
+    return float(np.max(steps_m * 0.5 ** np.arange(len(steps_m))))
 
 
 @dataclass(frozen=True)
@@ -243,9 +240,12 @@ class Rest:
     change different pixels. So with a correlation c the RMS is taken to grow as the power
     (1 + c) / 2 of the displacement: exact for c of 0 and 1.
 
-    ratio: of a step to the one before; correlation: of both.
+    factor: the error over the last step. order: power of the cell with which the error falls.
+    ratio: of a step to the one before. correlation: of both.
     """
 
+    factor: float
+    order: float
     ratio: float
     correlation: float
 
@@ -256,39 +256,16 @@ class Rest:
             return "a step is unknown"
         ratio = last_K / before_K
         alike = (both_K**2 - last_K**2 - before_K**2) / (2.0 * last_K * before_K)
-        rest = cls(ratio, min(max(alike, 0.0), 1.0))
-        if rest.displacements > _SLOWEST:
+        correlation = min(max(alike, 0.0), 1.0)
+        power = (1.0 + correlation) / 2.0
+        displacements = max(float(ratio ** (1.0 / power)), _FASTEST)
+        if displacements > _SLOWEST:
             return (
                 f"the steps are {before_K:.2g} and {last_K:.2g} K: no convergence is seen; "
                 f"allowed: a smaller {_FLOW_KEY}"
             )
-        return rest
-
-    @property
-    def power(self) -> float:
-        """Power of the displacement with which the RMS grows."""
-        return (1.0 + self.correlation) / 2.0
-
-    @property
-    def displacements(self) -> float:
-        """Ratio of the displacements of both steps; a faster one than `_FASTEST` is not relied
-        on."""
-        return max(float(self.ratio ** (1.0 / self.power)), _FASTEST)
-
-    @property
-    def factor(self) -> float:
-        """Richardson's sum of displacements."""
-        return float((self.displacements / (1.0 - self.displacements)) ** self.power)
-
-    @property
-    def order(self) -> float:
-        """Power of the cell with which the error falls."""
-        return -self.power * math.log2(self.displacements)
-
-    @property
-    def text(self) -> str:
-        """Ratio and correlation."""
-        return f"steps fall by {self.ratio:.2g}, correlation {self.correlation:.2g}"
+        factor = (displacements / (1.0 - displacements)) ** power  # Richardson's, of displacements
+        return cls(float(factor), -power * math.log2(displacements), ratio, correlation)
 
 
 GAS_GRID = _GasGrid()

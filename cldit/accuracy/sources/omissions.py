@@ -7,6 +7,7 @@ the side of it that omits less, is no source of error and costs nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from cldit.accuracy.errors import OMISSION, Estimate
@@ -22,6 +23,7 @@ from cldit.scene.vessel import Domain
 _SPLIT = float(Domain.model_fields["optical_depth_split"].default)
 
 
+@dataclass(frozen=True)
 class Omission(ErrorSource):
     """A key that omits physics, a row of the table below.
 
@@ -32,25 +34,17 @@ class Omission(ErrorSource):
     are compared, of a grid its voxels.
     """
 
+    name: str
+    fixed_by: str
+    method: str
+    remedy: Mapping[str, str]
+    omits: Callable[[Scene], bool]
+    complete: Mapping[str, Any]
+    split: float | None = None
+    of_gas: bool = False
+    costly: bool = False
     of_spray = True
     shared_by = OMISSION
-
-    def __init__(
-        self,
-        name: str,
-        key: str,
-        method: str,
-        remedy: str,
-        omits: Callable[[Scene], bool],
-        complete: Mapping[str, Any],
-        *,
-        split: float | None = None,
-        of_gas: bool = False,
-        costly: bool = False,
-    ) -> None:
-        self.name, self.fixed_by, self.method, self.remedy = name, key, method, remedies(remedy)
-        self.omits, self.complete, self.split = omits, complete, split
-        self.of_gas, self.costly = of_gas, costly
 
     def key(self, scene: Scene) -> str:
         """The key, where the scene omits something by it."""
@@ -99,7 +93,7 @@ ORDERS = Omission(
     "orders of scattering",
     "transport.order",
     "order {} against all orders",
-    "a larger transport.order, or none for all orders",
+    remedies("a larger transport.order, or none for all orders"),
     lambda scene: scene.transport.order is not None,
     {"order": None},
     costly=True,
@@ -108,7 +102,7 @@ CUTOFF = Omission(
     "cutoff of rays",
     "transport.cutoff",
     "cutoff {:g} against one chosen for the sources",
-    "no transport.cutoff",
+    remedies("no transport.cutoff"),
     lambda scene: bool(scene.transport.cutoff),
     {"cutoff": None},
     of_gas=True,
@@ -117,7 +111,7 @@ GATHER = Omission(
     "sources within cells",
     "transport.gather",
     "constant sources against the final gather",
-    "transport.gather: true",
+    remedies("transport.gather: true"),
     lambda scene: (
         not scene.transport.gather
         and scene.transport.method == "source"
@@ -129,7 +123,7 @@ VAPOUR_CELLS = Omission(
     "cells of vapour",
     "domain.optical_depth_split",
     f"split at {{:g}} against {_SPLIT:g}",
-    f"domain.optical_depth_split: {_SPLIT:g}",
+    remedies(f"domain.optical_depth_split: {_SPLIT:g}"),
     lambda scene: scene.domain.optical_depth_split > _SPLIT,
     {},
     split=_SPLIT,

@@ -49,12 +49,8 @@ class _PixelSampling(ErrorSource):
         if at.scene.transport.method != "source":
             reason = "not known from random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, reason, self.key(at.scene))]
-        return [self._of(at, at.image)]
-
-    def _of(self, at: VariantTracer, image: ImagePair) -> Estimate:
-        visible = at.settings.visible
-        temperature = temperature_of(at.prepared, visible=visible)
-        return pixel_error(temperature, image, self.key(at.scene))
+        temperature = temperature_of(at.prepared, visible=at.settings.visible)
+        return [pixel_error(temperature, at.image, self.key(at.scene))]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         return replace(old, pixels_K=share_K)

@@ -53,6 +53,7 @@ def prepared(gas: Vapour, resprayed: Any) -> Any:
     notes = {"vapour_penetration_m": 0.03}
     return SimpleNamespace(
         spray=spray,
+        stages=Stages(None),
         cube=CUBE,
         other_spray=lambda spec: SimpleNamespace(spec=spec, notes=notes),
         sources_of=lambda other: resprayed(other.spec),
