@@ -217,12 +217,6 @@ def test_gas_is_halved_so_that_coarser_sprays_are_those_of_before() -> None:
     assert shipped.gas_m == 0.64e-3 and "gas grid" in shipped.limits
 
 
-def test_what_is_small_enough_is_left_alone() -> None:
-    scene = scene_of()
-    small = {"cells": 0.8, "trace": 0.6, "pixel sampling": 0.2}  # 1.02, printed as 1
-    assert refined(first(scene), scene, small) is None
-
-
 def test_what_is_too_large_is_refined() -> None:
     scene = scene_of()
     resolution = replace(first(scene), depth=8, cube_m=None)  # cells alone
@@ -255,20 +249,23 @@ def test_what_only_the_audit_shows_is_tried_by_ordinates_then_by_cells(tmp_path:
     assert refined(resolution, fixed, errors_K, can_shrink=False, fixed=tried) is None
 
 
-def test_a_gain_that_nobody_sees_costs_no_trace() -> None:
-    """4.4 K, of which 3.9 K by pixels: at best 4.1 K."""
-    fixed = scene_of(transport={"accuracy_K": 2.0})
-    errors_K = {"pixel sampling": 3.9, "cells": 1.5, "trace": 1.0}
-    assert refined(replace(first(fixed), depth=8), fixed, errors_K) is None
-    much = {"pixel sampling": 2.2, "cells": 8.0, "trace": 0.1}
-    assert refined(replace(first(fixed), depth=8, cube_m=None), fixed, much) is not None
-
-
-def test_nothing_is_refined_in_vain() -> None:
-    """If irreducible errors exceed the tolerance, or nothing is free."""
-    scene, errors_K = scene_of(), {"cells": 2.0, "trace": 0.9}
-    assert refined(first(scene), scene, errors_K, fixed=("cells",)) is None
-    assert refined(first(scene), scene, errors_K, fixed=("cells", "trace")) is None
+@pytest.mark.parametrize(
+    ("errors_K", "limited", "refines"),
+    [
+        ({"cells": 0.8, "trace": 0.6, "pixel sampling": 0.2}, (), False),  # 1.02, printed as 1
+        # 2.2 K, of which 1.95 K by pixels: at best 2.05 K.
+        ({"pixel sampling": 1.95, "cells": 0.75, "trace": 0.5}, (), False),
+        ({"pixel sampling": 1.1, "cells": 4.0, "trace": 0.05}, (), True),
+        ({"cells": 2.0, "trace": 0.9}, ("cells",), False),
+        ({"cells": 2.0, "trace": 0.9}, ("cells", "trace"), False),
+    ],
+)
+def test_nothing_is_refined_in_vain(
+    errors_K: dict[str, float], limited: tuple[str, ...], refines: bool
+) -> None:
+    """Errors within 1 K, of which too little can be reduced, or none."""
+    resolution = replace(first(scene_of()), depth=8, cube_m=None)
+    assert (refined(resolution, scene_of(), errors_K, fixed=limited) is not None) == refines
 
 
 def test_lattice_and_cells_are_one_where_both_are_free() -> None:

@@ -18,6 +18,7 @@ from cldit.accuracy.converge import Result, converge
 from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.trace_error import TraceError
 from cldit.gpu.device import Device
 from cldit.prepare.medium import prepare
 from cldit.prepare.stages import Stages
@@ -88,6 +89,19 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     worse = found_K[-1] > kept_K
     assert any("is kept" in remark for remark in stages.remarks) == worse
     assert (kept.resolution.limits == {"cells": "memory is full"}) == worse
+
+
+def test_a_run_without_audit_remarks_on_its_trace_alone() -> None:
+    keys = {"transport.audit": False, "transport.accuracy_K": 0.1, "transport.directions": 16}
+    result: Any = SimpleNamespace(
+        trace_error=TraceError(0.24),
+        traces=SimpleNamespace(short=()),
+        errors=Errors(()),
+        resolution=SimpleNamespace(limits={}),
+        allocation=SimpleNamespace(emissivity=None),
+    )
+    (text,) = converging._last_remarks(load_scene("gdi-cone").with_(**keys), result)
+    assert "trace contributes 0.24 K, set by transport.directions" in text
 
 
 @pytest.mark.parametrize(

@@ -43,10 +43,9 @@ def remark(
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
     allocation = Allocation.of(gdi, 1.0)
-    return expected(
-        gdi, device, frame, box(), [settings],
-        coarse=[] if coarse is None else [coarse], allocation=allocation,
-    )  # fmt: skip
+    prepared: Any = SimpleNamespace(scene=gdi, device=device, sources=box())
+    costs = [] if coarse is None else [coarse]
+    return expected(prepared, frame, [settings], coarse=costs, allocation=allocation)
 
 
 COARSE = TraceCost(cells=32**3, ordinates=24, pixels=10_000, sweeps_s=1.0, rays_s=1.0)

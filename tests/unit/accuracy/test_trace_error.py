@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from cldit.accuracy.node_traces import summed
-from cldit.accuracy.remarks import of_trace
 from cldit.accuracy.trace_error import TraceError
 from cldit.dit.maps import Maps, Reason
 from cldit.gpu.device import Device
@@ -24,20 +23,15 @@ from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Audit
 
 
-def test_a_run_without_audit_states_its_trace_alone() -> None:
-    scene = load_scene("gdi-cone")
-    (cause,) = of_trace(scene, TraceError(0.24)).causes
-    assert (cause.name, cause.error_K, cause.fixed) == ("trace", 0.24, "")
-    (cause,) = of_trace(scene.with_(**{"transport.directions": 16}), TraceError(0.24)).causes
-    assert cause.fixed == "transport.directions"
-    assert of_trace(scene, None).causes == ()
-
-
-def test_audit_is_stated() -> None:
-    """It is of the picture; halves have the error of half of the ordinates, and miss a part."""
-    assert TraceError(0.2, 0.1).error_K == 0.1
-    assert TraceError(0.1, 0.2).error_K == 0.2
-    assert TraceError(0.2).error_K == 0.2
+@pytest.mark.parametrize(
+    ("halves_K", "audit_K", "cells_K", "error_K"),
+    [(0.2, 0.1, 0.0, 0.1), (0.1, 0.2, 0.0, 0.2), (0.2, None, 0.0, 0.2), (0.2, None, 1.0, 0.2)],
+)
+def test_audit_is_stated(
+    halves_K: float, audit_K: float | None, cells_K: float, error_K: float
+) -> None:
+    """It is of the image; halves have the error of half of the ordinates, and miss a part."""
+    assert TraceError(halves_K, audit_K, cells_K).error_K == error_K
 
 
 def test_unknown() -> None:
@@ -68,35 +62,28 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
     assert both / 2**0.5 - 1e-12 <= stated <= both + 1e-12
 
 
-def test_unknown_cells_explain_nothing() -> None:
-    assert TraceError(0.2, None, 1.0).error_K == 0.2
-
-
 def flat(value: float) -> Weights:
     """Weights of two by two pixels that all are of one value."""
     image = np.full((2, 2), value, np.float32)
     return Weights(image, -image, np.zeros_like(image), np.zeros_like(image))
 
 
-def node(difference: float, audit: float | None, *, noise: float = 0.0) -> Any:
+def node(difference: float, audit: float | None) -> Any:
     """A trace of such weights, audited in all of its pixels."""
+    row = flat(audit or 0.0).map(lambda weight: weight.reshape(1, 4))
     every = PixelSample(np.arange(4), np.ones(4))
-    found = None
-    if audit is not None:
-        rows = [flat(audit + sign * noise).map(lambda w: w.reshape(1, 4)) for sign in (1, -1)]
-        found = Audit(every, (rows[0], rows[1]))
     return SimpleNamespace(
         weights=flat(0.5),
         weights_difference=flat(difference),
-        audit=found,
+        audit=None if audit is None else Audit(every, (row, row)),
         scatters=True,
-        unaudited="" if found else "no audit",
+        unaudited="no audit" if audit is None else "",
         seconds={},
         counts={},
     )
 
 
-def stated(scene: Scene, *traces: Any) -> TraceError | None:
+def stated(scene: Scene, *traces: Any) -> TraceError:
     """Of nodes of equal light."""
     at_K = 450.0
     maps = replace(
@@ -121,20 +108,13 @@ def test_wavelengths_add_as_they_do_in_the_picture() -> None:
     both = stated(scene, node(0.01, 0.02), node(0.01, 0.02))
     against = stated(scene, node(0.01, 0.02), node(-0.01, -0.02))
     half = stated(scene, node(0.01, 0.02), node(0.0, 0.0))
-    assert one is not None and both is not None and against is not None and half is not None
+    part = stated(scene, node(0.01, 0.02), node(0.01, None))
+    assert (part.audit_K, part.unknown) == (None, "no audit")
     assert one.halves_K is not None and one.audit_K is not None
     assert one.audit_K == pytest.approx(2 * one.halves_K, rel=1e-6)
     assert (both.halves_K, both.audit_K) == pytest.approx((one.halves_K, one.audit_K), rel=1e-5)
     assert (against.halves_K, against.audit_K) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert half.audit_K == pytest.approx(one.audit_K / 2, rel=1e-5)
-
-
-def test_one_wavelength_without_an_audit() -> None:
-    """The sum is known in part, and no more than that is said."""
-    found = stated(load_scene("droplets-only"), node(0.01, 0.02), node(0.01, None))
-    assert found is not None
-    assert found.audit_K is None
-    assert found.unknown == "no audit"
 
 
 @pytest.mark.slow
