@@ -59,20 +59,18 @@ def blur_radii_m(camera: Camera, behind_m: Floats) -> tuple[float, ...]:
 
 def depths_m(spray: Spray) -> Floats:
     """Depths y of equal parts of the droplets' area, of the vapour, or of given coefficients."""
-    y, part = np.zeros(1), np.ones(1)
+    y, part, cells = np.zeros(1), np.ones(1), None
     if spray.parcels is not None and spray.parcels.droplets.any():
         y = spray.parcels.position_m[:, 1]
         part = spray.parcels.droplets * spray.parcels.diameter_m**2
     elif spray.vapour is not None and spray.vapour.masses_kg.any():
-        cells = spray.vapour.cells
-        y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, spray.vapour.masses_kg
+        cells, part = spray.vapour.cells, spray.vapour.masses_kg
     elif (coefficients := spray.prescribed) is not None:
-        cells = coefficients.cells
-        extinction_per_m = coefficients.vapour_absorption_per_m
-        extinction_per_m = extinction_per_m + coefficients.droplet_absorption_per_m
-        extinction_per_m = extinction_per_m + coefficients.droplet_scattering_per_m
+        cells, absorption_per_m = coefficients.cells, coefficients.vapour_absorption_per_m
+        absorption_per_m = absorption_per_m + coefficients.droplet_absorption_per_m
+        part = (absorption_per_m + coefficients.droplet_scattering_per_m) * cells.volume_m3
+    if cells is not None:
         y = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2
-        part = extinction_per_m * cells.volume_m3
     order = np.argsort(y)
     sums = np.cumsum(part[order])
     if not sums[-1] > 0.0:

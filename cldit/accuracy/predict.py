@@ -15,7 +15,7 @@ from cldit.accuracy.allocation import Allocation, free_sources
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
-from cldit.accuracy.richardson import SAFE, RichardsonEstimate, error_at
+from cldit.accuracy.richardson import SAFE, error_at
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.discretisation import spectral_K
 from cldit.accuracy.variant_tracer import VariantTracer
@@ -105,7 +105,8 @@ def coarse_estimates(tracer: VariantTracer) -> tuple[Estimate, ...]:
     return tuple(estimate for estimate in estimates if estimate.error_K is not None)
 
 
-_ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
+# Highest order of a prediction, since coarse cells overestimate it, and least ratio of the cells.
+_ORDER, _LEAST = 1.4, 0.35
 _ALL_HALVINGS = (
     f"the cube is halved {DEEPEST} times at most; allowed: a smaller domain.edge_m, or a larger "
     "transport.accuracy_K"
@@ -121,16 +122,6 @@ def coarsest_m(tracer: VariantTracer) -> float:
 
 def _finest_m(tracer: VariantTracer) -> float:
     return float(tracer.prepared.cube.edge_m / 2**DEEPEST)
-
-
-def _less(estimate: RichardsonEstimate, error_K: float) -> float:
-    """Edge of smaller cells with an error, over that of the cells with an estimate.
-
-    Coarse cells overestimate the order: it is limited for the prediction of finer ones.
-    """
-    if not estimate.error_K:
-        return 1.0
-    return float((error_K / estimate.error_K) ** (1.0 / min(estimate.order, _ORDER)))
 
 
 def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str] | None:
@@ -186,7 +177,11 @@ def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str]
             return cell_m, _ALL_HALVINGS
         less = 1 / step
         if on_lattice:
-            less = min(_less(estimate, SAFE * tolerance_K) for estimate in estimates)
+            less = min(
+                (SAFE * tolerance_K / estimate.error_K) ** (1.0 / min(estimate.order, _ORDER))
+                for estimate in estimates
+                if estimate.error_K
+            )
         predicted_K = max(estimate.at(less).error_K for estimate in estimates)
         if less >= _LEAST and predicted_K <= tolerance_K / SAFE:
             return cell_m * less, ""

@@ -12,7 +12,6 @@ from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.resolution import counted
-from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Medium, Prepared, prepare
 from cldit.prepare.preview import visible_emissivities
 from cldit.prepare.stages import Stages
@@ -149,15 +148,11 @@ class Problem:
 
 def clamp_to_memory(resolution: Resolution, prepared: Prepared) -> Resolution:
     """The resolution with a lattice whose parcels fit the memory, by those that were made."""
-    cone, sources = prepared.cone, prepared.properties.sources
-    spacing_m = resolution.spacing_m
-    if resolution.cube_m is None or spacing_m is None or cone is None or sources[0][0] is None:
+    spacing_m, wavelengths = resolution.spacing_m, len(prepared.properties.sources)
+    if resolution.cube_m is None or spacing_m is None:
         return resolution
-    classes = (resolution.size_classes or cone.classes) / cone.classes
-    finest_m = finest_lattice_m(
-        cone.lattice_m,
-        parcels=classes * len(sources[0][0].position_m),
-        wavelengths=len(sources),
+    finest_m = prepared.finest_lattice_m(
+        wavelengths=wavelengths, size_classes=resolution.size_classes
     )
     if spacing_m >= finest_m:
         return resolution

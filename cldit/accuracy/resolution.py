@@ -88,11 +88,9 @@ class Resolution:
         cells of the lattice.
         """
         assert self.cube_m is not None
-        edge_m = spacing_m
-        depth = 0
-        while edge_m < self.domain_m * (1 - 1e-9):
-            edge_m, depth = 2 * edge_m, depth + 1
-        return replace(self, depth=depth, spacing_m=spacing_m, cube_m=edge_m)
+        depth = lattice_depth(self.domain_m, spacing_m)
+        cube_m = math.ldexp(spacing_m, depth)
+        return replace(self, depth=depth, spacing_m=spacing_m, cube_m=cube_m)
 
     def with_gas(self, gas_m: float) -> Resolution:
         """Cells of a computed gas, within the limits of what a run chooses by itself."""
@@ -127,6 +125,11 @@ _STORED = {
     **{name: name for name in ("spectral_K", "size_classes", "spacing_m", "domain_m", "depth")},
     **{name: name for name in _LATER},
 }  # attributes by their keys
+
+
+def lattice_depth(domain_m: float, spacing_m: float) -> int:
+    """Number of times that a cube of at least the domain's edge is halved to cells of a lattice."""
+    return max(math.ceil(math.log2(domain_m / spacing_m) - 1e-9), 0)
 
 
 def cells_are_free(scene: Scene) -> bool:

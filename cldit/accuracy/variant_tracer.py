@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
+from cldit.accuracy.resolution import lattice_depth
 from cldit.accuracy.trace_error import TraceError
 from cldit.arrays import Ints
 from cldit.errors import MediumError, SprayError, TransportError
@@ -24,7 +25,6 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octree
 from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
-from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
@@ -183,8 +183,7 @@ class VariantTracer:
         """The cube in cells of this edge: of a lattice at least the domain, else its halvings."""
         if self.prepared.on_lattice:
             domain = self.scene.domain
-            depth = max(math.ceil(math.log2(domain.edge_m / cell_m) - 1e-9), 0)
-            edge_m = math.ldexp(cell_m, depth)
+            edge_m = math.ldexp(cell_m, lattice_depth(domain.edge_m, cell_m))
             return Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=1.001 * cell_m)
         cube = self.prepared.cube
         return cube.at(round(math.log2(cube.edge_m / cell_m)))
@@ -193,16 +192,13 @@ class VariantTracer:
         """Sources of the medium itself, a cone's on the lattice of the cells."""
         if not self.prepared.on_lattice:
             return self.prepared.sources
-        cone, points = self.cone_at(cell_m), self.prepared.sources[0]
-        if points is not None and self.prepared.cone is not None:
-            spacing_m, parcels = self.prepared.cone.lattice_m, len(points.position_m)
-            finest_m = finest_lattice_m(spacing_m, parcels=parcels, wavelengths=1)
-            if cone.lattice_m < finest_m:
-                raise MediumError(
-                    f"spray.spacing_m: {cone.lattice_m:.3g}; the finest lattice whose parcels fit "
-                    f"the memory is {finest_m:.3g}"
-                )
-        return self.prepared.resprayed(cone)
+        finest_m = self.prepared.finest_lattice_m(wavelengths=1)
+        if cell_m < finest_m:
+            raise MediumError(
+                f"spray.spacing_m: {cell_m:.3g}; the finest lattice whose parcels fit the memory "
+                f"is {finest_m:.3g}"
+            )
+        return self.prepared.resprayed(self.cone_at(cell_m))
 
     def cone_at(self, cell_m: float) -> ConeSpray:
         """The cone on the lattice of the cells."""

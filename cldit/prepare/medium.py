@@ -18,7 +18,12 @@ from cldit.optics.scene_phase import scene_phase
 from cldit.optics.spectral import SpectralNode
 from cldit.optics.wavelengths import Wavelengths, elsewhere, wavelengths
 from cldit.prepare.case_fit import misfits
-from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames
+from cldit.prepare.cell_choice import (
+    cells_that_fit,
+    chosen_frame,
+    finest_lattice_m,
+    lattice_frames,
+)
 from cldit.prepare.phases import droplets_content, in_classes, mean_phase, sizes_left
 from cldit.prepare.spray_factory import AnySpray, make_spray
 from cldit.prepare.stages import Stages
@@ -176,6 +181,17 @@ class Prepared:
     def is_clear(self) -> bool:
         """True if there is no medium and no patch in front of the camera, so no source of error."""
         return self.is_empty and not self.scene.patches
+
+    def finest_lattice_m(self, *, wavelengths: int, size_classes: int | None = None) -> float:
+        """The cone's finest lattice whose parcels fit the memory; 0: any does, or there is no cone.
+
+        Sources of all `wavelengths` are in memory together. size_classes: None: those it has.
+        """
+        cone, points = self.cone, self.properties.sources[0][0]
+        if cone is None or points is None:
+            return 0.0
+        parcels = (size_classes or cone.classes) / cone.classes * len(points.position_m)
+        return finest_lattice_m(cone.lattice_m, parcels=parcels, wavelengths=wavelengths)
 
     def sources_of(self, spray: Spray) -> Sources:
         """Another spray at that wavelength, its droplets in the same classes of size."""

@@ -81,7 +81,7 @@ def refined(
     cube = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.2, depth=1)
     empty = SimpleNamespace(
         properties=SimpleNamespace(sources=[(None, [])]),
-        cone=None,
+        finest_lattice_m=lambda **_: 0.0,
         frame=cube,
         sources=(None, []),
         limit=1_000_000,

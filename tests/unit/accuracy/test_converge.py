@@ -81,7 +81,8 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     device: Any = None
     stages = Stages(None)
     problem = Problem(scene, device, stages, Path(), None)
-    nothing: Any = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]), cone=None)
+    nothing: Any = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]))
+    nothing.finest_lattice_m = lambda **_: 0.0
     problem._prepared = (), nothing
     kept = converge(problem, scene.transport.accuracy_K)
     assert kept.errors.total_K == kept_K

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,7 @@ from cldit.accuracy.problem import Problem, clamp_to_memory
 from cldit.accuracy.resolution import Resolution
 from cldit.errors import SprayError
 from cldit.prepare import cell_choice
+from cldit.prepare.medium import Prepared
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene
 from cldit.scene.spray import ConeSpray
@@ -92,7 +94,9 @@ def prepared_cone() -> Any:
     """A spray of so many parcels."""
     cone = load_scene("gdi-cone").spray.model_copy(update={"spacing_m": CONE_m, "size_classes": 4})
     points = SimpleNamespace(position_m=np.zeros((PARCELS, 3)))
-    return SimpleNamespace(cone=cone, properties=SimpleNamespace(sources=[(points, [])]))
+    made = SimpleNamespace(cone=cone, properties=SimpleNamespace(sources=[(points, [])]))
+    made.finest_lattice_m = partial(Prepared.finest_lattice_m, made)
+    return made
 
 
 def resolution(spacing_m: float) -> Resolution:
