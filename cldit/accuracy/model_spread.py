@@ -46,7 +46,7 @@ def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
     differences = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
     blur = f"f/{camera.sensor.f_number:g} and diffraction"
     method = f"a pinhole's image against one blurred by {blur}; camera.lens traces it"
-    spread = Estimate.of("lens", differences, method, "")
+    spread = Estimate.of("lens", differences, method)
     return (spread.stated(temperature.per_emissivity_K),)
 
 
@@ -120,4 +120,4 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
     except (MediumError, PhaseError, SprayError, TransportError) as error:
         return Cause(_PHASE, None, f"not known: {error}")
     method = f"RMS of {current.name} against {alternative}, on cells of {1e3 * cell_m:.3g} mm"
-    return Estimate.of(_PHASE, differences, method, "").stated(tracer.temperature.per_emissivity_K)
+    return Estimate.of(_PHASE, differences, method).stated(tracer.temperature.per_emissivity_K)

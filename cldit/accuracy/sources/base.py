@@ -72,8 +72,9 @@ class ErrorSource(ABC):
         """Errors by this source, each estimated once; none where the medium does not have it."""
         if self.name not in at.estimates:
             estimates = self.estimate(at) if self.applies(at.prepared) else ()
+            key, by = self.key(at.scene), self.shared_by
             at.estimates[self.name] = [
-                replace(e, cause=replace(e.cause, shared_by=self.shared_by)) for e in estimates
+                replace(e, cause=replace(e.cause, fixed=key, shared_by=by)) for e in estimates
             ]
         return at.estimates[self.name]
 

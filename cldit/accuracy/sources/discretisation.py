@@ -47,7 +47,7 @@ class _Wavelengths(ErrorSource):
         if not chosen.errors_K:
             return []
         method = f"{len(chosen.nodes)} nodes against more, on lines of sight through the spray"
-        cause = Cause(self.name, chosen.error_K, method, self.key(at.scene))
+        cause = Cause(self.name, chosen.error_K, method)
         return [Estimate(cause, kelvin_per_emissivity(at.scene) * chosen.error_emissivity)]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
@@ -85,25 +85,24 @@ class _Cells(ErrorSource):
         # In exact cells only the light has an error, which a trace by `path` sees as a whole.
         if at.exact and _exact(at):
             return []
-        fixed = self.key(at.scene)
         if isinstance(at.scene.spray, GridSpray):
-            return [self._by_finer(at, fixed)]
+            return [self._by_finer(at)]
         at.tell("errors: other cells")
         estimates = error_at(at, at.cell_m)
         if estimates is None:
             too_coarse = 4 * at.cell_m > at.prepared.cube.edge_m * (1 + 1e-9)
             reason = "too few halvings of the cube to compare" if too_coarse else NO_PIXEL
-            return [Estimate.unknown(self.name, reason, fixed)]
+            return [Estimate.unknown(self.name, reason)]
         cell_mm = 1e3 * at.cell_m
         sizes = ", ".join(f"{cell_mm * up:.3g}" for up in estimates[0].sizes)
         subject = "cone and cells" if at.prepared.on_lattice else "cells"
-        out = [extrapolated(self.name, f"{subject} of {sizes} mm", fixed, estimates)]
-        if fixed and not estimates[0].shown:
+        out = [extrapolated(self.name, f"{subject} of {sizes} mm", estimates)]
+        if self.key(at.scene) and not estimates[0].shown:
             reason = f"cells of {sizes} mm show no order of convergence between 1 and 2"
-            out.append(Estimate.unknown(self.also[0], reason, fixed))
+            out.append(Estimate.unknown(self.also[0], reason))
         return out
 
-    def _by_finer(self, at: VariantTracer, fixed: str) -> Estimate:
+    def _by_finer(self, at: VariantTracer) -> Estimate:
         """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""
         cube = at.prepared.cube
         cells = 8 * counted(cube, at.prepared.sources, at.prepared.device).swept
@@ -112,13 +111,13 @@ class _Cells(ErrorSource):
                 f"cells half as large are {cells:.2g}, which would take longer than the image; "
                 "compare with a run of half the domain.leaf_edge_m"
             )
-            return Estimate.unknown(self.name, reason, fixed)
+            return Estimate.unknown(self.name, reason)
         at.tell("errors: cells half as large")
         halved = at.level(at.cell_m / 2)
         differences = at.difference(at.level(at.cell_m), halved)
         h_mm = 1e3 * at.cell_m
         method = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
-        return Estimate.of(self.name, [step.times(2.0) for step in differences], method, fixed)
+        return Estimate.of(self.name, [step.times(2.0) for step in differences], method)
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if old.depth is None:
@@ -157,18 +156,17 @@ class _Ordinates(ErrorSource):
     def estimate(self, at: VariantTracer) -> list[Estimate]:
         if not at.trace_errors:
             return []
-        key = self.key(at.scene)
         temperature, *rest = beyond(at)
         if temperature.error_K is None:
-            return [Estimate.unknown(self.name, temperature.unknown, key)]
+            return [Estimate.unknown(self.name, temperature.unknown)]
         method = "half the difference of two images, each by half of the ordinates or samples"
         if temperature.audit_K is not None:
             method = "some pixels traced by `path`, one standard error added, less the cells'"
         method += "; contains ordinates, iteration and gather"
         maps_K = [error.map_K for error in (temperature, *rest) if error.map_K is not None]
-        cause, unknown = Cause(self.name, temperature.error_K, method, key), temperature.unknown
+        cause, unknown = Cause(self.name, temperature.error_K, method), temperature.unknown
         out = [Estimate(cause, rest[0].error_K, maps_K)]
-        return out + ([Estimate.unknown("audit", unknown, key)] if unknown else [])
+        return out + ([Estimate.unknown("audit", unknown)] if unknown else [])
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         finer = ratio**self.cost_power

@@ -98,7 +98,7 @@ class _GasGrid(ErrorSource):
             f"no estimate from lattices of {twice} and {four} mm, which do not resolve the plumes "
             f"or reach out of the domain; allowed: a smaller {_CONE_KEY}"
         )
-        return [Estimate.unknown(self.name, reason, _CONE_KEY)]
+        return [Estimate.unknown(self.name, reason)]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if old.gas_m is not None:
@@ -116,18 +116,18 @@ class _GasGrid(ErrorSource):
             return []
         estimates = richardson(at, (at.level(at.coarse_m), coarser, coarsest))
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
-        method, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
+        method = f"cone on lattices of {sizes} mm"
         options = {"at_most": estimates[0].bound_K is not None, "size": cone.lattice_m}
-        return [extrapolated(self.name, method, key, estimates, **options)]
+        return [extrapolated(self.name, method, estimates, **options)]
 
     def _grid(self, at: VariantTracer) -> list[Estimate]:
-        fixed, spec = self.key(at.scene), at.prepared.spec
+        spec = at.prepared.spec
         if not isinstance(spec, LagrangianSpray):
             reason = "the gas comes on one grid alone; compare with a run from a finer one"
-            return [*self._imported(at), Estimate.unknown(ORDER, reason, fixed)]
+            return [*self._imported(at), Estimate.unknown(ORDER, reason)]
         twice = self._traced(at, spec, 2)
         if isinstance(twice, str):
-            return [Estimate.unknown(self.name, twice, fixed)]
+            return [Estimate.unknown(self.name, twice)]
         image_2h, head_m = twice
         heads_m = [at.prepared.spray.notes[_HEAD], head_m]
         image = at.level(at.cell_m)
@@ -147,14 +147,14 @@ class _GasGrid(ErrorSource):
         remainder = rests[0]
         figures = {_HEAD: head_error_m(heads_m)}
         if isinstance(remainder, str):
-            stated = Estimate.of(self.name, fine_steps, method, fixed)
-            return [replace(stated, figures=figures), Estimate.unknown(ORDER, remainder, fixed)]
+            stated = Estimate.of(self.name, fine_steps, method)
+            return [replace(stated, figures=figures), Estimate.unknown(ORDER, remainder)]
         method += f", times {remainder.factor:.2g}: steps fall by {remainder.ratio:.2g}, "
         method += f"correlation {remainder.correlation:.2g}"
         factors = ((remainder if isinstance(rest, str) else rest).factor for rest in rests)
         errors = [step.times(factor) for step, factor in zip(fine_steps, factors, strict=True)]
         h_m = spec.box.cell_m
-        stated = Estimate.of(self.name, errors, method, fixed, order=remainder.order, size=h_m)
+        stated = Estimate.of(self.name, errors, method, order=remainder.order, size=h_m)
         return [replace(stated, figures=figures)]
 
     def _imported(self, at: VariantTracer) -> list[Estimate]:
@@ -173,8 +173,7 @@ class _GasGrid(ErrorSource):
                 return [Estimate.unknown(self.name, f"{name}: {error}")]
             images.append(image)
         method = "gas averaged over cells twice and four times as large, linear in all"
-        key = self.key(at.scene)
-        return [extrapolated(self.name, method, key, richardson(at, images))]
+        return [extrapolated(self.name, method, richardson(at, images))]
 
     def _traced(
         self, at: VariantTracer, spec: LagrangianSpray, up: int

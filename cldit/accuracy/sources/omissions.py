@@ -61,7 +61,7 @@ class Omission(ErrorSource):
             return self._stated(at, at.coarse_m)
         if self is CUTOFF and method != "source" and at.trace_errors:
             reason = f"method {method} ends rays at every scattering"  # `path` has one of its own
-            return [] if method == "path" else [Estimate.unknown(self.name, reason, self.fixed_by)]
+            return [] if method == "path" else [Estimate.unknown(self.name, reason)]
         cells = counted(at.frame(at.cell_m), at.prepared.sources, at.prepared.device).swept
         fine = isinstance(at.scene.spray, GridSpray) and cells <= MOST_SWEPT
         return self._stated(at, at.cell_m if fine or not self.costly else at.coarse_m)
@@ -72,7 +72,7 @@ class Omission(ErrorSource):
         if self.of_gas and nodes > 1 and at.prepared.sources[1]:
             reason = f"compared at one of {nodes} wavelengths; gas may be opaque at others"
             name = f"{self.name} at other wavelengths"
-            out.append(Estimate.unknown(name, reason, self.fixed_by))
+            out.append(Estimate.unknown(name, reason))
         return out
 
     def _compared(self, at: VariantTracer, cell_m: float) -> Estimate:
@@ -82,11 +82,11 @@ class Omission(ErrorSource):
             complete = at.variant(self.name, None, cell_m, self.complete, self.split)
         except (MediumError, SprayError, TransportError) as error:
             reason = f"the image that omits nothing cannot be traced: {error}"
-            return Estimate.unknown(self.name, reason, self.fixed_by)
+            return Estimate.unknown(self.name, reason)
         section, name = self.fixed_by.split(".")
         value = getattr(getattr(at.scene, section), name)
         method = f"{self.method.format(value)}, on cells of {1e3 * cell_m:.3g} mm"
-        return Estimate.of(self.name, at.difference(image, complete), method, self.fixed_by)
+        return Estimate.of(self.name, at.difference(image, complete), method)
 
 
 ORDERS = Omission(

@@ -72,7 +72,6 @@ class _Parcels(ErrorSource):
         return int(np.count_nonzero(parcels.droplets)) >= 2
 
     def estimate(self, at: VariantTracer) -> list[Estimate]:
-        key = self.key(at.scene)
         variants_of: ParcelVariants = at.prepared.variant(
             self.name, lambda: parcel_variants(at.prepared)
         )
@@ -82,14 +81,14 @@ class _Parcels(ErrorSource):
         image_b = at.variant("second half of the parcels", lambda: half_b, at.coarse_m)
         errors = [step.times(sampling) for step in at.difference(image_a, image_b)]
         method = f"{sampling:.2g} of the difference of two halves of the parcels"
-        out = [Estimate.of(self.name, errors, method, key)]
+        out = [Estimate.of(self.name, errors, method)]
         if narrower is not None:
             at.tell("errors: parcels spread less")
             image = at.variant("parcels spread less", lambda: narrower, at.coarse_m)
             steps = at.difference(at.level(at.coarse_m), image)
             width = [step.times(_OF_WIDTH) for step in steps]
             method = "4/3 of the step to half of the variance, for a bias of fourth order"
-            out.append(Estimate.of("deposit width", width, method, key, at_most=True))
+            out.append(Estimate.of("deposit width", width, method, at_most=True))
         points, _ = at.prepared.sources
         if isinstance(at.scene.spray, LagrangianSpray) and points is not None:
             if len(points.position_m) < _FEWEST_PARCELS:
@@ -97,7 +96,7 @@ class _Parcels(ErrorSource):
                     f"{len(points.position_m)} parcels, whose halves share a gas that they drive; "
                     f"below {_FEWEST_PARCELS} the scatter between seeds exceeds this estimate"
                 )
-                out.append(Estimate.unknown("gas of few parcels", reason, key))
+                out.append(Estimate.unknown("gas of few parcels", reason))
         return out
 
 
@@ -124,7 +123,7 @@ class _SizeClasses(ErrorSource):
         if self.name in at.predicted:
             return [at.predicted[self.name].at(1 / cone.classes)]
         reason = "one class alone, or no coarser lattice to compare on"
-        return [Estimate.unknown(self.name, reason, "spray.size_classes")]
+        return [Estimate.unknown(self.name, reason)]
 
     def _halved(self, at: VariantTracer, cone: ConeSpray) -> list[Estimate]:
         try:
@@ -141,8 +140,7 @@ class _SizeClasses(ErrorSource):
             return []
         differences = at.difference(all_classes, image)
         method = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
-        key, size = self.key(at.scene), 1 / cone.classes
-        return [Estimate.of(self.name, differences, method, key, size=size)]
+        return [Estimate.of(self.name, differences, method, size=1 / cone.classes)]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if old.size_classes is None:
