@@ -228,6 +228,9 @@ def test_what_is_too_large_is_refined() -> None:
     # Ordinates grow as 1 / ordinates_K, the error falls with their number to the power 2/3.
     expected = resolution.ordinates_K * ((1 - 0.1**2) ** 0.5 / 2.0) ** 1.5
     assert better.ordinates_K == pytest.approx(expected)
+    most = refined(resolution, scene, {"cells": 0.1, "trace": 30.0})
+    assert most is not None  # four times less at once
+    assert most.ordinates_K == pytest.approx(resolution.ordinates_K / 4**1.5)
     # One trace of any error above 0.4 K has as few ordinates as any: they are multiplied.
     few = max(1.0, 0.4 / expected) / max(1.0, 0.4 / resolution.ordinates_K)
     assert few * better.more_ordinates == pytest.approx(resolution.ordinates_K / expected)
@@ -314,14 +317,6 @@ def test_a_refined_lattice_is_as_fine_as_its_share_needs(cells_K: float, order: 
     assert less == pytest.approx(max(wanted, 0.5))
     assert better.cube_m is not None and better.depth is not None
     assert better.cube_m / 2**better.depth == pytest.approx(better.spacing_m)
-
-
-def test_other_errors_shrink_four_times_at_most() -> None:
-    scene = scene_of()
-    resolution = replace(first(scene), depth=8)
-    better = refined(resolution, scene, {"cells": 0.1, "trace": 30.0, "size classes": 0.1})
-    assert better is not None
-    assert better.ordinates_K == pytest.approx(resolution.ordinates_K / 4**1.5)
 
 
 def test_a_resolution_of_run_json_is_read_again() -> None:
