@@ -226,7 +226,7 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     coarse_m, errors = tracer.coarser(cell_m), result.trace_errors
     at = tracer.on_cells(cell_m, coarse_m, image=image, exact=exact, trace_errors=errors)
     estimates = tuple(estimate for source in SOURCES for estimate in source.of(at))
-    tracer.estimates.update({one.name: one.of(at) for one in SOURCES if one.of_spray})
+    tracer.estimates.update({source.name: source.of(at) for source in SOURCES if source.of_spray})
     result = replace(result, trace_errors=beyond(at), estimates=estimates)
     pixels_K, asked_K = PIXEL_SAMPLING.errors_K(at), result.resolution.pixels_K
     if asked_K is not None and max(error_K or 0.0 for error_K in pixels_K) > _CLOSE * asked_K:

@@ -124,6 +124,22 @@ def _finest_m(tracer: VariantTracer) -> float:
     return float(tracer.prepared.cube.edge_m / 2**DEEPEST)
 
 
+def _after_two_traces(tracer: VariantTracer, finest_m: float) -> float:
+    """Traces on the two coarsest cells that will do; the edge of the next finer cells."""
+    cell_m, traced = coarsest_m(tracer), 0
+    while traced < 2:
+        tracer.tell(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
+        try:
+            tracer.level(cell_m)
+            traced += 1
+        except (SprayError, TransportError):  # as in `error_at`
+            if cell_m / 8 < finest_m:
+                raise
+            traced = 0
+        cell_m /= tracer.step
+    return cell_m
+
+
 def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str] | None:
     """Edge of the largest cells within the tolerance; None if no pixel has a T_app.
 
@@ -140,17 +156,7 @@ def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str]
     """
     step, on_lattice = tracer.step, tracer.prepared.on_lattice
     finest_m = _finest_m(tracer) * (1 - 1e-9)
-    cell_m, traced = coarsest_m(tracer), 0
-    while traced < 2:
-        tracer.tell(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
-        try:
-            tracer.level(cell_m)
-            traced += 1
-        except (SprayError, TransportError):  # as in `error_at`
-            if cell_m / 8 < finest_m:
-                raise
-            traced = 0
-        cell_m /= step
+    cell_m = _after_two_traces(tracer, finest_m)
     while True:
         tracer.tell(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
         try:

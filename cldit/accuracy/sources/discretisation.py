@@ -82,11 +82,10 @@ class _Cells(ErrorSource):
 
     def estimate(self, at: VariantTracer) -> list[Estimate]:
         assert at.image is not None
-        # In exact cells only the light has an error, which a trace by `path` sees as a whole.
-        if at.exact and _exact(at):
-            return []
+        # In whole voxels only the light has an error, which a trace by `path` sees as a whole.
         if isinstance(at.scene.spray, GridSpray):
-            return [self._by_finer(at)]
+            whole = in_whole_cells(at.frame(at.cell_m), at.prepared.sources)
+            return [] if at.exact and whole else [self._by_finer(at)]
         at.tell("errors: other cells")
         estimates = error_at(at, at.cell_m)
         if estimates is None:
@@ -127,13 +126,6 @@ class _Cells(ErrorSource):
         assert old.spacing_m is not None
         less = (SAFE / ratio) ** (1.0 / order)
         return old.on_lattice(old.spacing_m * max(less, 0.5))
-
-
-def _exact(at: VariantTracer) -> bool:
-    """True if cells are the voxels of a user's grid, or parts of them."""
-    return isinstance(at.scene.spray, GridSpray) and in_whole_cells(
-        at.frame(at.cell_m), at.prepared.sources
-    )
 
 
 class _Ordinates(ErrorSource):
