@@ -68,14 +68,17 @@ def flat(value: float) -> Weights:
     return Weights(image, -image, np.zeros_like(image), np.zeros_like(image))
 
 
-def node(difference: float, audit: float | None) -> Any:
-    """A trace of such weights, audited in all of its pixels."""
-    row = flat(audit or 0.0).map(lambda weight: weight.reshape(1, 4))
+def node(difference: float, audit: float | None, *, noise: float = 0.0) -> Any:
+    """A trace of such weights, audited in all of its pixels by halves with this noise."""
+
+    def half(sign: int) -> Weights:
+        return flat((audit or 0.0) + sign * noise).map(lambda weight: weight.reshape(1, 4))
+
     every = PixelSample(np.arange(4), np.ones(4))
     return SimpleNamespace(
         weights=flat(0.5),
         weights_difference=flat(difference),
-        audit=None if audit is None else Audit(every, (row, row)),
+        audit=None if audit is None else Audit(every, (half(1), half(-1))),
         scatters=True,
         unaudited="no audit" if audit is None else "",
         seconds={},
@@ -85,7 +88,7 @@ def node(difference: float, audit: float | None) -> Any:
 
 def stated(scene: Scene, *traces: Any) -> TraceError:
     """Of nodes of equal light."""
-    at_K = 450.0
+    at_K = scene.walls.temperature_K - 100.0  # at that of the walls the weights' errors cancel
     maps = replace(
         Maps.unevaluated((2, 2), Reason.OK),
         emissivity=np.full((2, 2), 0.5, np.float32),
@@ -110,11 +113,20 @@ def test_wavelengths_add_as_they_do_in_the_picture() -> None:
     half = stated(scene, node(0.01, 0.02), node(0.0, 0.0))
     part = stated(scene, node(0.01, 0.02), node(0.01, None))
     assert (part.audit_K, part.unknown) == (None, "no audit")
-    assert one.halves_K is not None and one.audit_K is not None
+    assert one.halves_K is not None and one.audit_K is not None and one.halves_K > 0.1
     assert one.audit_K == pytest.approx(2 * one.halves_K, rel=1e-6)
     assert (both.halves_K, both.audit_K) == pytest.approx((one.halves_K, one.audit_K), rel=1e-5)
     assert (against.halves_K, against.audit_K) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert half.audit_K == pytest.approx(one.audit_K / 2, rel=1e-5)
+
+
+def test_one_standard_error_is_added_to_the_audit() -> None:
+    """Halves of e (1 + s) and e (1 - s) in each of 4 pixels: their product has a mean of e^2 (1 -
+    s^2), and a variance of 4 e^4 s^2 by the noise, so its mean has a standard error of e^2 s."""
+    scene = load_scene("droplets-only")
+    exact, noisy = (stated(scene, node(0.01, 0.02, noise=noise)) for noise in (0.0, 0.01))
+    assert exact.audit_K is not None
+    assert noisy.audit_K == pytest.approx((1 - 0.5**2 + 0.5) ** 0.5 * exact.audit_K, rel=1e-5)
 
 
 @pytest.mark.slow
