@@ -84,8 +84,8 @@ class _Cells(ErrorSource):
         assert at.image is not None
         # In whole voxels only the light has an error, which a trace by `path` sees as a whole.
         if isinstance(at.scene.spray, GridSpray):
-            whole = in_whole_cells(at.frame(at.cell_m), at.prepared.sources)
-            return [] if at.exact and whole else [self._by_finer(at)]
+            in_voxels = in_whole_cells(at.frame(at.cell_m), at.prepared.sources)
+            return [] if at.exact and in_voxels else [self._by_finer(at)]
         at.tell("errors: other cells")
         estimates = error_at(at, at.cell_m)
         if estimates is None:

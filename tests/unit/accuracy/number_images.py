@@ -41,9 +41,14 @@ class NumberTracer:
         self.scene = scene or SimpleNamespace(
             camera=SimpleNamespace(field_m=(FIELD_m, FIELD_m)), spray=None
         )
-        known = {"cone": None, "cube": Frame((0.0, 0.0, 0.0), edge_m=EDGE_m, depth=7)}
-        known |= {"scene": self.scene, "stages": Stages(None), "on_lattice": on_lattice}
-        self.prepared = SimpleNamespace(**known | prepared)
+        self.prepared = SimpleNamespace(
+            scene=self.scene,
+            stages=Stages(None),
+            on_lattice=on_lattice,
+            cube=Frame((0.0, 0.0, 0.0), edge_m=EDGE_m, depth=7),
+            cone=None,
+        )
+        vars(self.prepared).update(prepared)
         self.traced: list[float] = []  # cells of the medium's own images
         self.varied: set[int] = set()  # halvings of the cube, of other images
         self.cell_m, self.coarse_m, self.image = 1e-3, 2e-3, None

@@ -94,7 +94,7 @@ def prepared_cone() -> Any:
     """A spray of so many parcels."""
     cone = load_scene("gdi-cone").spray.model_copy(update={"spacing_m": CONE_m, "size_classes": 4})
     points = SimpleNamespace(position_m=np.zeros((PARCELS, 3)))
-    made = SimpleNamespace(cone=cone, properties=SimpleNamespace(sources=[(points, [])]))
+    made: Any = SimpleNamespace(cone=cone, properties=SimpleNamespace(sources=[(points, [])]))
     made.finest_lattice_m = partial(Prepared.finest_lattice_m, made)
     return made
 
