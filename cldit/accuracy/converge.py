@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.accuracy import remarks
 from cldit.accuracy.allocation import IN_VAIN, Allocation, free_sources, shares_of
 from cldit.accuracy.error_maps import error_maps
 from cldit.accuracy.errors import Cause, Errors, Estimate
@@ -23,10 +22,9 @@ from cldit.accuracy.model_spread import lens_omission, phase_spread
 from cldit.accuracy.node_traces import NodeTraces, summed, traced_stages
 from cldit.accuracy.predict import predict
 from cldit.accuracy.problem import Problem
-from cldit.accuracy.remarks import expected
+from cldit.accuracy.remarks import expected, too_large
 from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import ORDINATES, beyond
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.sources.pixel_sampling import MOST_RAYS, PIXEL_SAMPLING
@@ -118,7 +116,11 @@ def converge(problem: Problem, tolerance_K: float) -> Result:
         result, finer = refine(problem, result)
         if finer is None:
             break
-        problem.stages.remark(remarks.refinement(result.errors, number, MAX_REFINEMENTS))
+        largest = result.errors.largest()
+        by = "" if largest is None else f", {largest.text} of it by {largest.name}"
+        problem.stages.remark(
+            (f"error {result.errors.text}{by}: refinement {number} of at most {MAX_REFINEMENTS}",)
+        )
         newest = better = solve(problem, *finer)
         tried = _remedy(problem, result) if _trace_K(result) > finer[1]["trace"] else ""
         if not _exceeds(better, result):
@@ -127,7 +129,12 @@ def converge(problem: Problem, tolerance_K: float) -> Result:
             if tried and not gained:
                 result = result.limited(tried, _NO_GAIN)
             continue
-        problem.stages.remark(remarks.kept(result.errors, better.errors))
+        problem.stages.remark(
+            (
+                f"refinement did not help (error {better.errors.text}): the previous image is kept "
+                f"({result.errors.text})",
+            )
+        )
         if not tried:  # memory did not hold the finer resolution
             result = result.limited("cells", better.resolution.limits.get("cells", ""))
             break
@@ -144,18 +151,18 @@ def _last_remarks(scene: Scene, result: Result) -> Iterator[str]:
         yield f"error of T_app: {result.errors.text}"
         return
     yield from () if error is None else error.unknown_remarks
-    errors = result.errors if transport.audit else remarks.of_trace(scene, error)
+    errors = result.errors
+    if error is not None and not transport.audit:  # that of the trace alone
+        errors = Errors.of([Cause(ORDINATES.name, error.error_K, "", ORDINATES.key(scene))])
     bounds = transport.accuracy_K, result.resolution.limits
-    yield from remarks.too_large(errors, *bounds, emissivity=result.allocation.emissivity)
+    yield from too_large(errors, *bounds, emissivity=result.allocation.emissivity)
 
 
 def _model_spread(problem: Problem, result: Result) -> tuple[Cause, ...]:
     """Change by a lens, and the spread by the phase function, where anything scatters into a pixel
     with a T_app."""
-    scene = problem.scene
-    if result.resolution.depth is None or not result.estimates or scene.transport.order == 0:
-        return result.model
-    if not result.traces.scatters:
+    scatters = result.traces.scatters and problem.scene.transport.order != 0
+    if result.resolution.depth is None or not result.estimates or not scatters:
         return result.model
     with problem.stages.stage("phase function") as note:
         tracer = problem.tracer(result.resolution)[1]
@@ -182,17 +189,8 @@ def solve(
     frame = medium.trees[0].frame
     quadrature = prepared.properties.chosen.quadrature
     settings = [replace(setting, audit=audit) for setting in problem.settings(resolution, prepared)]
-    stages.remark(
-        expected(
-            scene,
-            device,
-            frame,
-            prepared.sources,
-            settings,
-            coarse=[] if tracer is None else tracer.costs,
-            allocation=allocation,
-        )
-    )
+    costs = [] if tracer is None else tracer.costs
+    stages.remark(expected(prepared, frame, settings, coarse=costs, allocation=allocation))
     traced = None
     if tracer is not None and scene.transport.method == "source":
         traced = tracer.known(medium.cell_m)
@@ -215,7 +213,7 @@ def solve(
 
 def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Result:
     """The result with the error of each source."""
-    if problem.is_clear(tracer.prepared):
+    if tracer.prepared.is_clear:
         return result
     if not result.maps.has_temperature.any():
         return replace(result, unstated=f"no pixel has a T_app ({result.maps.causes})")
@@ -225,22 +223,12 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     if scene.transport.method == "source":
         tracer.put(cell_m, traces.traces[tracer.prepared.number])
         exact = not traces.scatters or scene.transport.order == 0 or traces.audit is not None
-    at = Measurement(
-        scene,
-        tracer,
-        problem.stages,
-        cell_m=cell_m,
-        coarse_m=tracer.coarser(cell_m),
-        image=image,
-        exact=exact,
-        trace_errors=result.trace_errors,
-        predicted=problem.predicted,
-        estimates=dict(problem.estimates),
-    )
-    estimates = tuple(estimate for source in SOURCES for estimate in at.of(source))
-    problem.estimates = {source.name: at.of(source) for source in SOURCES if source.of_spray}
+    coarse_m, errors = tracer.coarser(cell_m), result.trace_errors
+    at = tracer.on_cells(cell_m, coarse_m, image=image, exact=exact, trace_errors=errors)
+    estimates = tuple(estimate for source in SOURCES for estimate in source.of(at))
+    tracer.estimates.update({source.name: source.of(at) for source in SOURCES if source.of_spray})
     result = replace(result, trace_errors=beyond(at), estimates=estimates)
-    pixels_K, asked_K = at.errors_K(PIXEL_SAMPLING), result.resolution.pixels_K
+    pixels_K, asked_K = PIXEL_SAMPLING.errors_K(at), result.resolution.pixels_K
     if asked_K is not None and max(error_K or 0.0 for error_K in pixels_K) > _CLOSE * asked_K:
         result = result.limited("pixel sampling", next(iter(traces.short), MOST_RAYS))
     causes, local = result.errors.causes, (PIXEL_SAMPLING.name,)

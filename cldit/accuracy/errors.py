@@ -54,10 +54,11 @@ class Cause:
 class Estimate:
     """Estimated error of one source, and how it depends on a size.
 
-    cause: as it is stated, without emissivity. emissivity_K: error of emissivity, times
-    `kelvin_per_emissivity`; None: unknown. maps_K: (H, W) size of the difference in each pixel, of
-    each result; empty: unknown. The error is proportional to `size` to the power `order`: a cell's
-    edge, or one over a number. figures: errors of the spray's figures by the same source, by name.
+    cause: as it is stated, without emissivity; its source adds `fixed` and `shared_by`.
+    emissivity_K: error of emissivity, times `kelvin_per_emissivity`; None: unknown. maps_K: (H, W)
+    size of the difference in each pixel, of each result; empty: unknown. The error is proportional
+    to `size` to the power `order`: a cell's edge, or one over a number. figures: errors of the
+    spray's figures by the same source, by name.
     """
 
     cause: Cause
@@ -73,7 +74,6 @@ class Estimate:
         name: str,
         differences: Sequence[ImageDifference],
         method: str,
-        fixed: str,
         *,
         at_most: bool = False,
         order: float = 1.0,
@@ -82,15 +82,15 @@ class Estimate:
         """Takes the differences of both results; unknown where no pixel has a T_app."""
         temperature, emissivity = differences
         if temperature.error_K is None:
-            return cls.unknown(name, NO_PIXEL, fixed)
-        cause = Cause(name, temperature.error_K, method, fixed, at_most)
+            return cls.unknown(name, NO_PIXEL)
+        cause = Cause(name, temperature.error_K, method, at_most=at_most)
         maps_K = [difference.map_K for difference in differences]
         return cls(cause, emissivity.error_K, maps_K, order, size)
 
     @classmethod
-    def unknown(cls, name: str, reason: str, fixed: str = "") -> Estimate:
+    def unknown(cls, name: str, reason: str) -> Estimate:
         """An error that nobody knows, and the reason."""
-        return cls(Cause(name, None, reason, fixed))
+        return cls(Cause(name, None, reason))
 
     @property
     def errors_K(self) -> tuple[float | None, float | None]:

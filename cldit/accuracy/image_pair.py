@@ -41,17 +41,12 @@ class ImagePair:
     rays: Ints | None = None
 
     @classmethod
-    def of(cls, result: Trace) -> ImagePair:
-        """The images of a trace."""
-        difference = result.weights_difference
-        return cls(result.weights, difference, result.subpixels, result.rays)
-
-    @classmethod
-    def middle_of(cls, result: Trace) -> ImagePair:
-        """The images of a trace by one ray through the middle of each pixel."""
-        if result.middle is None:
-            return cls.of(result)
-        return cls(result.middle, result.middle_difference)
+    def of(cls, result: Trace, *, middle: bool = False) -> ImagePair:
+        """The images of a trace; `middle`: by one ray through the middle of each pixel, if those
+        were traced."""
+        if middle and result.middle is not None:
+            return cls(result.middle, result.middle_difference)
+        return cls(result.weights, result.weights_difference, result.subpixels, result.rays)
 
     def visible(self, temperature: NodeTemperature) -> Mask:
         """(H, W) pixels whose emissivity at this wavelength is that of a pixel with a T_app."""

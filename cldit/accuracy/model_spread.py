@@ -11,6 +11,7 @@ and never in their sum.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -41,11 +42,11 @@ def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
     radii_m = blur_radii_m(camera, depths_m(prepared.spray) - scene.target_m[1])
     seen = scene.model_copy(update={"camera": camera})
     blurred = PointSpread.of(seen, radii_m)(image.weights)
-    temperature = temperature_of(scene, prepared)
+    temperature = temperature_of(prepared)
     differences = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
     blur = f"f/{camera.sensor.f_number:g} and diffraction"
     method = f"a pinhole's image against one blurred by {blur}; camera.lens traces it"
-    spread = Estimate.of("lens", differences, method, "")
+    spread = Estimate.of("lens", differences, method)
     return (spread.stated(temperature.per_emissivity_K),)
 
 
@@ -58,20 +59,18 @@ def blur_radii_m(camera: Camera, behind_m: Floats) -> tuple[float, ...]:
 
 def depths_m(spray: Spray) -> Floats:
     """Depths y of equal parts of the droplets' area, of the vapour, or of given coefficients."""
-    y, part = np.zeros(1), np.ones(1)
+    y, part, cells = np.zeros(1), np.ones(1), None
     if spray.parcels is not None and spray.parcels.droplets.any():
         y = spray.parcels.position_m[:, 1]
         part = spray.parcels.droplets * spray.parcels.diameter_m**2
     elif spray.vapour is not None and spray.vapour.masses_kg.any():
-        cells = spray.vapour.cells
-        y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, spray.vapour.masses_kg
+        cells, part = spray.vapour.cells, spray.vapour.masses_kg
     elif (coefficients := spray.prescribed) is not None:
-        cells = coefficients.cells
-        extinction_per_m = coefficients.vapour_absorption_per_m
-        extinction_per_m = extinction_per_m + coefficients.droplet_absorption_per_m
-        extinction_per_m = extinction_per_m + coefficients.droplet_scattering_per_m
+        cells, absorption_per_m = coefficients.cells, coefficients.vapour_absorption_per_m
+        absorption_per_m = absorption_per_m + coefficients.droplet_absorption_per_m
+        part = (absorption_per_m + coefficients.droplet_scattering_per_m) * cells.volume_m3
+    if cells is not None:
         y = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2
-        part = extinction_per_m * cells.volume_m3
     order = np.argsort(y)
     sums = np.cumsum(part[order])
     if not sums[-1] > 0.0:
@@ -92,7 +91,7 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
     current = scene_phase(scene, prepared.spray, scene.optics.preset)
     prescribed = has_coefficients(prepared.spray)
     if current.mie or (prescribed and current.asymmetry):
-        alternative = "isotropic"
+        alternative: Literal["isotropic", "mie"] = "isotropic"
     elif prescribed:
         return Cause(_PHASE, None, "not known: the droplets are coefficients without diameters")
     else:
@@ -100,22 +99,19 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
     if not isinstance(scene.spray, GridSpray):
         larger = (m for m in tracer.levels if m <= _COARSER * cell_m)
         cell_m = max(larger, default=_COARSER * cell_m)
-    cells = counted(tracer.frame(cell_m), prepared.sources, tracer.device).swept
+    cells = counted(tracer.frame(cell_m), prepared.sources, prepared.device).swept
     if cells > _MOST_CELLS:
         reason = "not known: a second trace is long; compare a run with transport.phase: "
         return Cause(_PHASE, None, reason + alternative)
-    changed = scene.with_(**{"transport.phase": alternative})
     try:
-        medium = prepared.rescattered(mie=alternative == "mie")
+        medium = prepared.rescattered(alternative)
         phase = medium.properties.phases[medium.number]
-        settings = settings_for(
-            changed, phase, tolerance_K=max(tracer.settings.accuracy_K, _LEAST_K)
-        )
+        least_K = max(tracer.settings.accuracy_K, _LEAST_K)
+        settings = settings_for(medium.scene, phase, tolerance_K=least_K)
         varied = replace(
             tracer,
-            scene=changed,
-            settings=replace(settings, method="source", audit=False, subpixels=False),
             prepared=medium,
+            settings=replace(settings, method="source", audit=False, subpixels=False),
             levels={},
             variants={},
             traces={},
@@ -124,4 +120,4 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
     except (MediumError, PhaseError, SprayError, TransportError) as error:
         return Cause(_PHASE, None, f"not known: {error}")
     method = f"RMS of {current.name} against {alternative}, on cells of {1e3 * cell_m:.3g} mm"
-    return Estimate.of(_PHASE, differences, method, "").stated(tracer.temperature.per_emissivity_K)
+    return Estimate.of(_PHASE, differences, method).stated(tracer.temperature.per_emissivity_K)

@@ -103,14 +103,13 @@ def node_settings(
 
 def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> NodeTraces:
     """Traces of all nodes and their sums, for the scene's temperatures of walls and patches."""
-    seconds: dict[str, float] = {}
-    counts: dict[str, int] = {}
+    seconds = {name: 0.0 for result in traces for name in result.seconds}
+    counts = {name: number for result in traces for name, number in result.counts.items()}
+    if "sweeps" in counts:  # which add up; the numbers of cells are the same in all nodes
+        counts["sweeps"] = sum(result.counts.get("sweeps", 0) for result in traces)
     for result in traces:
         for name, value in result.seconds.items():
-            seconds[name] = seconds.get(name, 0.0) + value
-        for name, total in result.counts.items():
-            # Sweeps add up; the numbers of cells are the same in all nodes.
-            counts[name] = counts.get(name, 0) + total if name == "sweeps" else total
+            seconds[name] += value
 
     def combined(parts: Sequence[Weights]) -> Weights:
         return effective_weights(
@@ -157,10 +156,7 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
     counts = result.counts
     iterations = [node.iterations for node in result.traces if node.iterations is not None]
     samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
-    notes = {
-        "audit": "of some pixels, by path tracing",
-        "gather": samples,
-    }
+    notes = {"audit": "of some pixels, by path tracing", "gather": samples}
     if result.rays is not None:
         number = result.rays**2
         notes["image"] = f"{number.mean():.3g} rays a pixel, up to {number.max()}"
@@ -174,12 +170,10 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
     if "scattered_rays" in counts:
         scattering.append(f"{counts['scattered_rays']} rays started by scattering")
     notes["scattering"] = "; ".join(scattering)
-    usual = ("compile", "scattering", "image")
-    optional = ("gather", "audit")
-    steps = [*usual, *(name for name in optional if name in result.seconds)]
+    optional = (name for name in ("gather", "audit") if name in result.seconds)
     return [
         Stage(name, result.seconds[name], notes.get(name, ""))
         if name in result.seconds
         else Stage(name, 0.0, "skipped: nothing scatters")
-        for name in steps
+        for name in ("compile", "scattering", "image", *optional)
     ]

@@ -9,19 +9,18 @@ the next.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 from cldit.accuracy.allocation import Allocation, free_sources
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
-from cldit.accuracy.richardson import SAFE, RichardsonEstimate, error_at
+from cldit.accuracy.richardson import SAFE, error_at
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import spectral_K
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError, TransportError
+from cldit.medium.resolution import DEEPEST
 from cldit.prepare.preview import coarsest_depth
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
@@ -44,16 +43,16 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
         return start, Allocation(tolerance_K, {})
     allocation = Allocation.of(scene, tolerance_K)
     resolution, tracer = problem.tracer(_asked(start, scene, allocation))
-    if not problem.is_clear(tracer.prepared):
+    if not tracer.prepared.is_clear:
         with problem.stages.stage("coarsest traces") as note:
-            estimates = coarse_estimates(problem, tracer)
+            estimates = coarse_estimates(tracer)
             fixed = [e for e in estimates if e.cause.name not in allocation.shares_K]
             note.append(", ".join(f"{e.cause.name} {e.cause.text}" for e in estimates) or "none")
         allocation = Allocation.of(scene, tolerance_K, fixed)
         resolution = _asked(resolution, scene, allocation)
         if tracer.prepared.cone is not None:
-            problem.predicted = {e.cause.name: e for e in estimates}
-        for name, estimate in problem.predicted.items():
+            tracer.predicted.update({e.cause.name: e for e in estimates})
+        for name, estimate in tracer.predicted.items():
             error_K, share_K = estimate.error_K or 0.0, allocation.shares_K.get(name, math.inf)
             if error_K > share_K:
                 ratio, finer = error_K / share_K, BY_NAME[name].finer
@@ -64,11 +63,12 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
     cell_m, limited = tracer.prepared.cube.cell_m, ""
     if "cells" in free_sources(scene):
         with problem.stages.stage("coarse traces") as note:
-            chosen = choose_cells(tracer, allocation.cells_K, problem.stages.tell)
+            chosen = choose_cells(tracer, allocation.cells_K)
             cell_m, limited = chosen or (cell_m, limited)
             reason = "no pixel has a T_app" if chosen is None else f"{allocation.cells_K:.2g} K"
             note.append(f"cells of {1e3 * cell_m:.3g} mm for {reason}")
-    return resolution.in_cells(tracer.frame(cell_m)).limited("cells", limited), allocation
+    resolution = resolution.at_depth(tracer.frame(cell_m).depth, cell_m)
+    return resolution.limited("cells", limited), allocation
 
 
 def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Resolution:
@@ -81,10 +81,10 @@ def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Reso
     )
 
 
-def coarse_estimates(problem: Problem, tracer: VariantTracer) -> tuple[Estimate, ...]:
+def coarse_estimates(tracer: VariantTracer) -> tuple[Estimate, ...]:
     """Known errors of the sources that the scene fixes, and of a cone's classes and lattice, on the
     coarsest cells that will do."""
-    scene, prepared = problem.scene, tracer.prepared
+    scene, prepared = tracer.scene, tracer.prepared
     fixed = [source for source in SOURCES if not source.is_free(scene)]
     listed = SOURCES if prepared.cone is not None else fixed
     of_spray = [source for source in listed if source.of_spray and source.applies(prepared)]
@@ -93,10 +93,10 @@ def coarse_estimates(problem: Problem, tracer: VariantTracer) -> tuple[Estimate,
     if isinstance(scene.spray, GridSpray):  # cells smaller than its voxels show no more
         cell_m = max(cell_m, prepared.cube.cell_m)
     while of_spray:
-        at = Measurement(scene, tracer, problem.stages, cell_m, cell_m)
+        at = tracer.on_cells(cell_m, cell_m)
         try:
             tracer.level(cell_m)
-            estimates += [estimate for source in of_spray for estimate in at.of(source)]
+            estimates += [estimate for source in of_spray for estimate in source.of(at)]
             break
         except (SprayError, TransportError):  # no cone has the lattice, or cells reach too far
             cell_m /= tracer.step
@@ -105,11 +105,10 @@ def coarse_estimates(problem: Problem, tracer: VariantTracer) -> tuple[Estimate,
     return tuple(estimate for estimate in estimates if estimate.error_K is not None)
 
 
-_FINEST = 12  # halvings: 4096 cells along an edge
-_ORDER, _LEAST = 1.4, 0.35  # highest order of a prediction, and how much smaller cells may be
-_CLOSE = 1.1  # of the tolerance: a coarse trace of the image's own cells costs as much as that
+# Highest order of a prediction, since coarse cells overestimate it, and least ratio of the cells.
+_ORDER, _LEAST = 1.4, 0.35
 _ALL_HALVINGS = (
-    f"the cube is halved {_FINEST} times at most; allowed: a smaller domain.edge_m, or a larger "
+    f"the cube is halved {DEEPEST} times at most; allowed: a smaller domain.edge_m, or a larger "
     "transport.accuracy_K"
 )
 
@@ -117,27 +116,31 @@ _ALL_HALVINGS = (
 def coarsest_m(tracer: VariantTracer) -> float:
     """Edge of the cells of the coarsest trace."""
     edge_m = tracer.prepared.cube.edge_m
-    depth = min(coarsest_depth(tracer.scene, edge_m), _FINEST - 3)
+    depth = min(coarsest_depth(tracer.scene, edge_m), DEEPEST - 3)
     return float(edge_m / 2**depth)
 
 
 def _finest_m(tracer: VariantTracer) -> float:
-    return float(tracer.prepared.cube.edge_m / 2**_FINEST)
+    return float(tracer.prepared.cube.edge_m / 2**DEEPEST)
 
 
-def _less(estimate: RichardsonEstimate, error_K: float) -> float:
-    """Edge of smaller cells with an error, over that of the cells with an estimate.
+def _after_two_traces(tracer: VariantTracer, finest_m: float) -> float:
+    """Traces on the two coarsest cells that will do; the edge of the next finer cells."""
+    cell_m, traced = coarsest_m(tracer), 0
+    while traced < 2:
+        tracer.tell(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
+        try:
+            tracer.level(cell_m)
+            traced += 1
+        except (SprayError, TransportError):  # as in `error_at`
+            if cell_m / 8 < finest_m:
+                raise
+            traced = 0
+        cell_m /= tracer.step
+    return cell_m
 
-    Coarse cells overestimate the order: it is limited for the prediction of finer ones.
-    """
-    if not estimate.error_K:
-        return 1.0
-    return float((error_K / estimate.error_K) ** (1.0 / min(estimate.order, _ORDER)))
 
-
-def choose_cells(
-    tracer: VariantTracer, tolerance_K: float, say: Callable[[str], None]
-) -> tuple[float, str] | None:
+def choose_cells(tracer: VariantTracer, tolerance_K: float) -> tuple[float, str] | None:
     """Edge of the largest cells within the tolerance; None if no pixel has a T_app.
 
     The text is why they are not smaller, if the tolerance needs it; else empty.
@@ -153,19 +156,9 @@ def choose_cells(
     """
     step, on_lattice = tracer.step, tracer.prepared.on_lattice
     finest_m = _finest_m(tracer) * (1 - 1e-9)
-    cell_m, traced = coarsest_m(tracer), 0
-    while traced < 2:
-        say(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
-        try:
-            tracer.level(cell_m)
-            traced += 1
-        except (SprayError, TransportError):  # as in `error_at`
-            if cell_m / 8 < finest_m:
-                raise
-            traced = 0
-        cell_m /= step
+    cell_m = _after_two_traces(tracer, finest_m)
     while True:
-        say(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
+        tracer.tell(f"coarse trace: cells of {1e3 * cell_m:.3g} mm")
         try:
             estimates = error_at(tracer, cell_m)
         except MediumError:
@@ -176,7 +169,7 @@ def choose_cells(
         if estimates is None:
             return None
         ends = cell_m / step < finest_m
-        if max(estimate.bound_K or 0.0 for estimate in estimates) > _CLOSE * tolerance_K:
+        if max(estimate.bound_K or 0.0 for estimate in estimates) > tolerance_K / SAFE:
             if not ends:
                 cell_m /= step
                 continue  # outside the asymptotic range: finer cells tell the order
@@ -190,9 +183,13 @@ def choose_cells(
             return cell_m, _ALL_HALVINGS
         less = 1 / step
         if on_lattice:
-            less = min(_less(estimate, SAFE * tolerance_K) for estimate in estimates)
+            less = min(
+                (SAFE * tolerance_K / estimate.error_K) ** (1.0 / min(estimate.order, _ORDER))
+                for estimate in estimates
+                if estimate.error_K
+            )
         predicted_K = max(estimate.at(less).error_K for estimate in estimates)
-        if less >= _LEAST and predicted_K <= _CLOSE * tolerance_K:
+        if less >= _LEAST and predicted_K <= tolerance_K / SAFE:
             return cell_m * less, ""
         cell_m /= step
         if cell_m / step < finest_m:

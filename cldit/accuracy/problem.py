@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cldit.accuracy.errors import Estimate
 from cldit.accuracy.node_traces import node_settings
 from cldit.accuracy.resolution import Resolution, cells_are_free, too_fine, too_many
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.resolution import counted
-from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Medium, Prepared, prepare
 from cldit.prepare.preview import visible_emissivities
 from cldit.prepare.stages import Stages
@@ -23,26 +20,20 @@ from cldit.scene.spray import ConeSpray
 from cldit.spray.result import Spray
 from cldit.transport.trace import TraceSettings
 
-_COARSER = 1.15  # steps to the finest lattice that suits a cone, or fits the memory
-_HARDLY = 0.9  # of an edge: cells that are not smaller than that have nearly the same error
-_LEAST_DEPTH = 3
+# Steps to the finest lattice that suits a cone, or fits the memory: cells that differ by less have
+# nearly the same error.
+_COARSER = 1.15
 
 
 @dataclass
 class Problem:
-    """A scene with its device; keeps what a change of resolution leaves as it is.
-
-    predicted: estimates made before the first image, by source. estimates: of the present spray,
-    by source.
-    """
+    """A scene with its device; keeps what a change of resolution leaves as it is."""
 
     scene: Scene
     device: Device
     stages: Stages
     cache: Path
     spray: Spray | None
-    predicted: dict[str, Estimate] = field(default_factory=dict)
-    estimates: dict[str, Sequence[Estimate]] = field(default_factory=dict)
     _prepared: tuple[tuple[Any, ...], Prepared] | None = None
     _tracer: tuple[tuple[Any, ...], VariantTracer] | None = None
 
@@ -54,11 +45,11 @@ class Problem:
         given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
         while True:
             if self._prepared is not None:
-                if self._prepared[0] == resolution.prepared_key:  # even if memory is less now
-                    return resolution, self._prepared[1]
-                resolution = clamp_to_memory(resolution, self._prepared[1])
-                if self._prepared[0] == resolution.prepared_key:
-                    return resolution, self._prepared[1]
+                key, prepared = self._prepared
+                if key != resolution.prepared_key:  # else it is kept even if memory is less now
+                    resolution = clamp_to_memory(resolution, prepared)
+                if key == resolution.prepared_key:
+                    return resolution, prepared
             try:
                 prepared = prepare(
                     self.scene,
@@ -85,7 +76,6 @@ class Problem:
                 resolution = resolution.limited(limited, too_fine(coarser_m))
                 continue
             self._prepared = resolution.prepared_key, prepared
-            self.estimates.clear()
             return resolution, prepared
 
     def settings(self, resolution: Resolution, prepared: Prepared) -> list[TraceSettings]:
@@ -99,7 +89,7 @@ class Problem:
             more_ordinates=resolution.more_ordinates,
         )
         if self.scene.transport.audit:
-            visible = visible_emissivities(self.scene, self.device, prepared)
+            visible = visible_emissivities(prepared)
             settings = [
                 replace(setting, visible=emissivity)
                 for setting, emissivity in zip(settings, visible, strict=True)
@@ -116,17 +106,8 @@ class Problem:
         if self._tracer is None or self._tracer[0] != key:
             previous = None if self._tracer is None else self._tracer[1]
             node_setting = self.settings(resolution, prepared)[prepared.number]
-            self._tracer = (
-                key,
-                VariantTracer.of(
-                    self.scene,
-                    self.device,
-                    node_setting,
-                    prepared,
-                    key=(*ordinates, resolution.spectral_K, resolution.size_classes),
-                    previous=previous,
-                ),
-            )
+            alike = (*ordinates, resolution.spectral_K, resolution.size_classes)
+            self._tracer = key, VariantTracer.of(prepared, node_setting, alike, previous)
         return resolution, self._tracer[1]
 
     def medium(self, resolution: Resolution) -> tuple[Resolution, Prepared, Medium]:
@@ -136,10 +117,10 @@ class Problem:
             on_lattice = resolution.cube_m is not None  # cells and lattice are made together
             depth = None if on_lattice else resolution.depth
             try:
-                return resolution, prepared, prepared.grown(self.stages, depth)
+                return resolution, prepared, prepared.grown(depth)
             except MediumError:
                 depth = resolution.depth
-                if depth is None or depth <= _LEAST_DEPTH or not cells_are_free(self.scene):
+                if not depth or not cells_are_free(self.scene):
                     raise
                 if not on_lattice:
                     reason = too_many(prepared.frame.at(depth).cell_m)
@@ -149,10 +130,6 @@ class Problem:
                 reason = resolution.limits.get("cells") or too_many(resolution.spacing_m)
                 coarser = resolution.on_lattice(_COARSER * resolution.spacing_m)
                 resolution = coarser.limited("cells", reason)
-
-    def is_clear(self, prepared: Prepared) -> bool:
-        """True if there is no medium and no patch in front of the camera, so no source of error."""
-        return prepared.is_empty and not self.scene.patches
 
     def hardly_finer(self, finer: Resolution, than: Resolution) -> str:
         """Reason why the cells of a finer resolution are not worth a trace; empty: they are."""
@@ -165,21 +142,17 @@ class Problem:
         possible = clamp_to_memory(finer, prepared)
         if possible is finer or possible.spacing_m is None or than.spacing_m is None:
             return ""
-        hardly = possible.spacing_m >= _HARDLY * than.spacing_m
+        hardly = _COARSER * possible.spacing_m >= than.spacing_m
         return possible.limits.get("cells", "") if hardly else ""
 
 
 def clamp_to_memory(resolution: Resolution, prepared: Prepared) -> Resolution:
     """The resolution with a lattice whose parcels fit the memory, by those that were made."""
-    cone, sources = prepared.cone, prepared.properties.sources
-    spacing_m = resolution.spacing_m
-    if resolution.cube_m is None or spacing_m is None or cone is None or sources[0][0] is None:
+    spacing_m, wavelengths = resolution.spacing_m, len(prepared.properties.sources)
+    if resolution.cube_m is None or spacing_m is None:
         return resolution
-    classes = (resolution.size_classes or cone.classes) / cone.classes
-    finest_m = finest_lattice_m(
-        cone.lattice_m,
-        parcels=classes * len(sources[0][0].position_m),
-        wavelengths=len(sources),
+    finest_m = prepared.finest_lattice_m(
+        wavelengths=wavelengths, size_classes=resolution.size_classes
     )
     if spacing_m >= finest_m:
         return resolution

@@ -1,45 +1,18 @@
-"""Remarks of a run: its expected cost, refinements, and an error that is too large."""
+"""Remarks of a run: its expected cost, and an error that is too large."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 from cldit.accuracy.allocation import Allocation
-from cldit.accuracy.errors import Cause, Errors
+from cldit.accuracy.errors import Errors
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.accuracy.sources.discretisation import ORDINATES
-from cldit.accuracy.trace_error import TraceError
-from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
-from cldit.medium.octree import Sources
 from cldit.medium.resolution import counted
 from cldit.prepare.cell_choice import cell_bytes, memory_bytes
-from cldit.scene import Scene
+from cldit.prepare.medium import Prepared
 from cldit.transport.trace import TraceSettings
 from cldit.transport.trace_cost import TraceCost
-
-
-def refinement(errors: Errors, number: int, maximum: int) -> tuple[str, ...]:
-    """Remark that the image is traced again."""
-    largest = errors.largest()
-    by = "" if largest is None else f", {largest.text} of it by {largest.name}"
-    return (f"error {errors.text}{by}: refinement {number} of at most {maximum}",)
-
-
-def kept(previous: Errors, errors: Errors) -> tuple[str, ...]:
-    """Remark that a refinement is discarded."""
-    return (
-        f"refinement did not help (error {errors.text}): the previous image is kept "
-        f"({previous.text})",
-    )
-
-
-def of_trace(scene: Scene, error: TraceError | None) -> Errors:
-    """Errors of a run that estimates that of its trace alone."""
-    if error is None:
-        return Errors(())
-    return Errors.of([Cause(ORDINATES.name, error.error_K, "", ORDINATES.key(scene))])
-
 
 _SOURCE_OF = {name: source for source in SOURCES for name in (source.name, *source.also)}
 
@@ -80,10 +53,8 @@ _FEW_ORDINATES = 24  # of an image of 4 K or so
 
 
 def expected(
-    scene: Scene,
-    device: Device,
+    prepared: Prepared,
     frame: Frame,
-    sources: Sources,
     settings: Sequence[TraceSettings],
     *,
     coarse: Sequence[TraceCost],
@@ -93,7 +64,8 @@ def expected(
 
     `coarse` are the costs of the traces before it; without any, the time is unknown.
     """
-    counts, count = counted(frame, sources, device), len(settings)
+    scene, device, count = prepared.scene, prepared.device, len(settings)
+    counts = counted(frame, prepared.sources, device)
     phase = any(setting.phase is not None for setting in settings)
     stored = counts.memory_cells * cell_bytes(wavelengths=count, phase=phase)
     ordinates = sum(setting.final_directions for setting in settings)

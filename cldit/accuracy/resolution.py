@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cldit.medium.frame import Frame
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 
@@ -75,18 +74,11 @@ class Resolution:
         update = {"size_classes": self.size_classes, "spacing_m": self.spacing_m}
         return spec.model_copy(update=update)
 
-    def in_cells(self, frame: Frame) -> Resolution:
-        """The cells of a cube, and the lattice that goes with it."""
-        return (
-            replace(self, depth=frame.depth)
-            if self.cube_m is None
-            else self.on_lattice(frame.cell_m)
-        )
-
-    def at_depth(self, depth: int) -> Resolution:
-        """The cube halved `depth` times, and the lattice that goes with it."""
+    def at_depth(self, depth: int, cell_m: float | None = None) -> Resolution:
+        """The cube halved `depth` times, and the lattice that goes with it: of `cell_m`, or as fine
+        as the cube's cells."""
         if self.cube_m is not None:
-            return self.on_lattice(math.ldexp(self.cube_m, -depth))
+            return self.on_lattice(cell_m or math.ldexp(self.cube_m, -depth))
         return replace(self, depth=depth)
 
     def on_lattice(self, spacing_m: float) -> Resolution:
@@ -96,11 +88,9 @@ class Resolution:
         cells of the lattice.
         """
         assert self.cube_m is not None
-        edge_m = spacing_m
-        depth = 0
-        while edge_m < self.domain_m * (1 - 1e-9):
-            edge_m, depth = 2 * edge_m, depth + 1
-        return replace(self, depth=depth, spacing_m=spacing_m, cube_m=edge_m)
+        depth = lattice_depth(self.domain_m, spacing_m)
+        cube_m = math.ldexp(spacing_m, depth)
+        return replace(self, depth=depth, spacing_m=spacing_m, cube_m=cube_m)
 
     def with_gas(self, gas_m: float) -> Resolution:
         """Cells of a computed gas, within the limits of what a run chooses by itself."""
@@ -135,6 +125,11 @@ _STORED = {
     **{name: name for name in ("spectral_K", "size_classes", "spacing_m", "domain_m", "depth")},
     **{name: name for name in _LATER},
 }  # attributes by their keys
+
+
+def lattice_depth(domain_m: float, spacing_m: float) -> int:
+    """Number of times that a cube of at least the domain's edge is halved to cells of a lattice."""
+    return max(math.ceil(math.log2(domain_m / spacing_m) - 1e-9), 0)
 
 
 def cells_are_free(scene: Scene) -> bool:

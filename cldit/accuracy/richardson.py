@@ -95,13 +95,13 @@ class RichardsonEstimate:
 
 
 def extrapolated(
-    name: str, method: str, fixed: str, estimates: Sequence[RichardsonEstimate], **options: Any
+    name: str, method: str, estimates: Sequence[RichardsonEstimate], **options: Any
 ) -> Estimate:
     """Error of a source, of the order of the result with the larger one."""
     method += f", extrapolated by order {estimates[0].order:.2g}"
     differences = [estimate.difference for estimate in estimates]
     order = max(estimates, key=lambda estimate: estimate.error_K).order
-    return Estimate.of(name, differences, method, fixed, order=order, **options)
+    return Estimate.of(name, differences, method, order=order, **options)
 
 
 def richardson(

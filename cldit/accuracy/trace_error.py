@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -68,17 +68,6 @@ class TraceError:
             out.append(cls(half_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K))
         return tuple(out)
 
-    def beyond(self, cells_K: float) -> TraceError:
-        """The error without the part of the audit that the cells explain.
-
-        `path` sees what constant sources in cells of this size miss, and so does the difference
-        from other cells, from which `cells_K` is estimated. So the square of the audit that
-        `cells_K` explains is attributed to the cells. If no part of the audit were the cells', the
-        sum of both would be too small by a factor of 2^(1/2) at most; counted twice, it would be
-        too large by as much.
-        """
-        return replace(self, cells_K=cells_K)
-
     @property
     def whole_K(self) -> float | None:
         """Error by the audit where there is one, the cells' part included; else by the halves."""
@@ -88,7 +77,11 @@ class TraceError:
     def error_K(self) -> float | None:
         """Error by the audit where there is one, less the cells' part; else by the halves.
 
-        The halves' part is not the cells', and is kept as far as the audit shows as much.
+        `path` sees what constant sources in cells miss, and so does the difference from other
+        cells, from which `cells_K` is estimated: that part of the audit's square is attributed to
+        the cells. If none of it were the cells', the sum of both would be too small by a factor of
+        2^(1/2) at most; counted twice, it would be too large by as much. The halves' part is not
+        the cells', and is kept as far as the audit shows as much.
         """
         if self.audit_K is None or self.halves_K is None:
             return self.halves_K

@@ -8,22 +8,23 @@ pixel of every n-th row is traced.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
+from cldit.accuracy.resolution import lattice_depth
+from cldit.accuracy.trace_error import TraceError
 from cldit.arrays import Ints
-from cldit.errors import MediumError
-from cldit.gpu.device import Device
+from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octree
 from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
-from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
@@ -40,71 +41,102 @@ _LEAST, _MOST = 1.5 - 1e-6, 3.0
 # Pixels of an image of which all are traced, 300 x 300: if the medium fills a tenth of the image,
 # and most of a difference is in a hundredth of that, then 90 pixels know its RMS to a tenth.
 _MOST_PIXELS = 90_000
+# A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
+NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
 
 
 @dataclass(frozen=True)
 class VariantTracer:
-    """Traces variants of a prepared medium; `cell_m` is the edge of the finest cells.
+    """Traces variants of a prepared medium, from which errors are estimated.
 
     stride: step between traced pixels, in both directions. temperature: T_app of these pixels.
-    levels: images of the medium itself by `cell_m`, of a cone on that lattice. traces: likewise,
-    where all pixels were traced. variants: other images by name and `cell_m`. key: all that the
-    images depend on, except the lattice. costs: of the coarse traces.
+    key: all that the images depend on, except the lattice. levels: images of the medium itself by
+    edge of the finest cells, of a cone on that lattice. traces: likewise, where all pixels were
+    traced. variants: other images by name and cells. costs: of the coarse traces. predicted:
+    estimates made before the first image, by name. estimates: by source, each made once.
+
+    cell_m: edge of the cells that errors are estimated for; coarse_m: of those on which errors are
+    estimated that do not depend on the cells. image: of the run at this wavelength; None before it
+    is traced. exact: True if it has no error that `path` would not see. trace_errors: its own;
+    empty if nothing scatters.
     """
 
-    scene: Scene
-    device: Device
-    settings: TraceSettings
     prepared: Prepared
+    settings: TraceSettings
     stride: int
     temperature: NodeTemperature
+    key: Any = None
     levels: dict[float, ImagePair] = field(default_factory=dict)
     traces: dict[float, Trace] = field(default_factory=dict)
     variants: dict[tuple[str, float], ImagePair] = field(default_factory=dict)
-    key: Any = None
     costs: list[TraceCost] = field(default_factory=list)
+    predicted: dict[str, Estimate] = field(default_factory=dict)
+    estimates: dict[str, Sequence[Estimate]] = field(default_factory=dict)
+    cell_m: float = 0.0
+    coarse_m: float = 0.0
+    image: ImagePair | None = None
+    exact: bool = False
+    trace_errors: Sequence[TraceError] = ()
 
     @classmethod
     def of(
         cls,
-        scene: Scene,
-        device: Device,
-        settings: TraceSettings,
         prepared: Prepared,
+        settings: TraceSettings,
         key: Any = None,
         previous: VariantTracer | None = None,
     ) -> VariantTracer:
         """A tracer for a medium with the `settings` of its wavelength `prepared.node`.
 
-        Costs of `previous` are kept, and its images if its `key` is the same.
+        Costs and predictions of `previous` are kept, its images if its `key` is the same, and its
+        estimates if its medium is.
         """
         own_settings = replace(settings, method="source", audit=False, subpixels=False)
-        temperature = temperature_of(scene, prepared, visible=own_settings.visible)
-        stride = math.ceil((math.prod(scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
+        temperature = temperature_of(prepared, visible=own_settings.visible)
+        stride = math.ceil((math.prod(prepared.scene.camera.pixels) / _MOST_PIXELS) ** 0.5)
         if stride > 1:
             own_settings = replace(own_settings, rays_K=None)  # which depend on the whole image
-        serves = previous is not None and previous._serves(key, prepared)
-        alike = serves and previous is not None and previous.settings.rays_K == own_settings.rays_K
-        return cls(
-            scene=scene,
-            device=device,
-            settings=replace(own_settings, subpixels=stride == 1 and own_settings.rays_K is None),
+        tracer = cls(
             prepared=prepared,
+            settings=replace(own_settings, subpixels=stride == 1 and own_settings.rays_K is None),
             stride=stride,
             temperature=replace(
                 temperature, sees_background=_picked(temperature.sees_background, stride)
             ),
-            levels=previous.levels if previous is not None and serves else {},
-            traces=previous.traces if previous is not None and alike else {},
             key=key,
-            costs=[] if previous is None else previous.costs,
         )
+        if previous is None:
+            return tracer
+        serves = previous._serves(key, prepared)
+        alike = serves and previous.settings.rays_K == own_settings.rays_K
+        return replace(
+            tracer,
+            levels=previous.levels if serves else {},
+            traces=previous.traces if alike else {},
+            costs=previous.costs,
+            predicted=previous.predicted,
+            estimates=previous.estimates if previous.prepared is prepared else {},
+        )
+
+    def on_cells(self, cell_m: float, coarse_m: float, **of_image: Any) -> VariantTracer:
+        """A tracer to estimate errors of an image on these cells, with estimates of its own."""
+        own_estimates = dict(self.estimates)
+        return replace(self, cell_m=cell_m, coarse_m=coarse_m, estimates=own_estimates, **of_image)
 
     def _serves(self, key: Any, prepared: Prepared) -> bool:
         """True if images serve another medium: only the cone's lattice differs. Wavelengths are
         chosen for each spray, so the wavelength must be the same."""
         present = self.prepared
         return present.on_lattice and self.key == key and present.node == prepared.node
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the medium."""
+        return self.prepared.scene
+
+    def tell(self, work: str) -> None:
+        """Reports the work in progress."""
+        self.prepared.stages.tell(work)
 
     @property
     def step(self) -> float:
@@ -151,8 +183,7 @@ class VariantTracer:
         """The cube in cells of this edge: of a lattice at least the domain, else its halvings."""
         if self.prepared.on_lattice:
             domain = self.scene.domain
-            depth = max(math.ceil(math.log2(domain.edge_m / cell_m) - 1e-9), 0)
-            edge_m = math.ldexp(cell_m, depth)
+            edge_m = math.ldexp(cell_m, lattice_depth(domain.edge_m, cell_m))
             return Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=1.001 * cell_m)
         cube = self.prepared.cube
         return cube.at(round(math.log2(cube.edge_m / cell_m)))
@@ -161,16 +192,13 @@ class VariantTracer:
         """Sources of the medium itself, a cone's on the lattice of the cells."""
         if not self.prepared.on_lattice:
             return self.prepared.sources
-        cone, points = self.cone_at(cell_m), self.prepared.sources[0]
-        if points is not None and self.prepared.cone is not None:
-            spacing_m, parcels = self.prepared.cone.lattice_m, len(points.position_m)
-            finest_m = finest_lattice_m(spacing_m, parcels=parcels, wavelengths=1)
-            if cone.lattice_m < finest_m:
-                raise MediumError(
-                    f"spray.spacing_m: {cone.lattice_m:.3g}; the finest lattice whose parcels fit "
-                    f"the memory is {finest_m:.3g}"
-                )
-        return self.prepared.resprayed(cone)
+        finest_m = self.prepared.finest_lattice_m(wavelengths=1)
+        if cell_m < finest_m:
+            raise MediumError(
+                f"spray.spacing_m: {cell_m:.3g}; the finest lattice whose parcels fit the memory "
+                f"is {finest_m:.3g}"
+            )
+        return self.prepared.resprayed(self.cone_at(cell_m))
 
     def cone_at(self, cell_m: float) -> ConeSpray:
         """The cone on the lattice of the cells."""
@@ -198,6 +226,14 @@ class VariantTracer:
             self.variants[name, cell_m] = self._traced(sources, cell_m, varied, split, rays)
         return self.variants[name, cell_m]
 
+    def on_lattice(self, up: int) -> tuple[ConeSpray, ImagePair]:
+        """The cone on a lattice so much coarser, and its image; raises `NO_COARSER_LATTICE`."""
+        cone = self.prepared.cone
+        assert cone is not None
+        wider = self.cone_at(up * cone.lattice_m)
+        name = f"{up} times the lattice"
+        return wider, self.variant(name, lambda: self.prepared.resprayed(wider), self.coarse_m)
+
     def _traced(
         self,
         sources: Sources,
@@ -214,11 +250,12 @@ class VariantTracer:
         columns, rows = self.scene.camera.pixels
         numbers = _picked(np.arange(rows * columns).reshape(rows, columns), self.stride)
         pixels = None if self.stride == 1 else numbers.reshape(-1)
+        device = self.prepared.device
         result, cost = TraceCost.measured(
-            self.device,
-            counted(frame, sources, self.device).swept,
+            device,
+            counted(frame, sources, device).swept,
             settings,
-            lambda: trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays),
+            lambda: trace(tree, self.scene, device, settings, pixels=pixels, rays=rays),
         )
         self.costs.append(cost)
         image = ImagePair.of(result)
@@ -238,8 +275,7 @@ class VariantTracer:
         """The traced pixels of an image of the whole run, by the rays of this tracer's images."""
         if self.stride == 1:
             return ImagePair.of(result)
-        chosen = self.scene.camera.rays_across is None
-        image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
+        image = ImagePair.of(result, middle=self.scene.camera.rays_across is None)
         return image.map(lambda image: _picked(image, self.stride))
 
     def difference(
@@ -265,10 +301,9 @@ def _picked(image: NDArray[_Scalar], stride: int) -> NDArray[_Scalar]:
     return image[stride // 2 :: stride, stride // 2 :: stride]
 
 
-def temperature_of(
-    scene: Scene, prepared: Prepared, *, visible: float = VISIBLE_EMISSIVITY
-) -> NodeTemperature:
+def temperature_of(prepared: Prepared, *, visible: float = VISIBLE_EMISSIVITY) -> NodeTemperature:
     """T_app of a scene's image at the wavelength `prepared.node`; `visible` as there."""
+    scene = prepared.scene
     names = tuple(patch.name for patch in scene.patches)
     nothing = build_octree(prepared.cube.at(0), None, [], optical_depth_split=1.0)
     view = View.of(scene, OpticalCells.of(nothing, patches=names), prepared.device)

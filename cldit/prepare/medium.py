@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,12 @@ from cldit.optics.scene_phase import scene_phase
 from cldit.optics.spectral import SpectralNode
 from cldit.optics.wavelengths import Wavelengths, elsewhere, wavelengths
 from cldit.prepare.case_fit import misfits
-from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames
+from cldit.prepare.cell_choice import (
+    cells_that_fit,
+    chosen_frame,
+    finest_lattice_m,
+    lattice_frames,
+)
 from cldit.prepare.phases import droplets_content, in_classes, mean_phase, sizes_left
 from cldit.prepare.spray_factory import AnySpray, make_spray
 from cldit.prepare.stages import Stages
@@ -132,8 +137,8 @@ class Prepared:
     made, spray: before and after its parcels are deposited. frame: the cube that is divided into
     cells; cube: the domain's, which differs where the cells are a cone's lattice (`on_lattice`).
     spec: the scene's spray with what the run chose. number: of the wavelength at which the spray
-    hides or sends most light. limit: number of cells that fit the memory. kept: variants of the
-    medium by name.
+    hides or sends most light. limit: number of cells that fit the memory. stages: of the run.
+    kept: variants of the medium by name.
     """
 
     scene: Scene
@@ -147,6 +152,7 @@ class Prepared:
     number: int
     limit: int
     device: Device
+    stages: Stages
     cache: Path
     kept: dict[str, Any] = field(default_factory=dict)
 
@@ -171,6 +177,22 @@ class Prepared:
         points, cells = self.sources
         return points is None and not cells
 
+    @property
+    def is_clear(self) -> bool:
+        """True if there is no medium and no patch in front of the camera, so no source of error."""
+        return self.is_empty and not self.scene.patches
+
+    def finest_lattice_m(self, *, wavelengths: int, size_classes: int | None = None) -> float:
+        """The cone's finest lattice whose parcels fit the memory; 0: any does, or there is no cone.
+
+        Sources of all `wavelengths` are in memory together. size_classes: None: those it has.
+        """
+        cone, points = self.cone, self.properties.sources[0][0]
+        if cone is None or points is None:
+            return 0.0
+        parcels = (size_classes or cone.classes) / cone.classes * len(points.position_m)
+        return finest_lattice_m(cone.lattice_m, parcels=parcels, wavelengths=wavelengths)
+
     def sources_of(self, spray: Spray) -> Sources:
         """Another spray at that wavelength, its droplets in the same classes of size."""
         phase = self.properties.phases[self.number]
@@ -185,19 +207,20 @@ class Prepared:
         """The spray of another specification at that wavelength."""
         return self.sources_of(self.other_spray(spec))
 
-    def rescattered(self, *, mie: bool) -> "Prepared":
+    def rescattered(self, phase_name: Literal["isotropic", "mie"]) -> "Prepared":
         """The medium whose droplets scatter isotropically, or by Mie's phase function, at that
         wavelength; raises PhaseError without diameters."""
         band = self.properties.chosen.bands[self.number]
         points, cells = emitters(self.spray, band)
         phase = None
-        if mie:
+        if phase_name == "mie":
             content = droplets_content(self.spray)
             phase = mean_phase(self.spray, band, points, content=content, cache=self.cache)
         count = len(self.properties.sources)
         sources = ((in_classes(points, self.spray, phase), cells),) * count
         rescattered = replace(self.properties, sources=sources, phases=(phase,) * count)
-        return replace(self, properties=rescattered, kept={})
+        scene = self.scene.with_(**{"transport.phase": phase_name})
+        return replace(self, scene=scene, properties=rescattered, kept={})
 
     def variant(self, name: str, make: Callable[[], Any]) -> Any:
         """A variant of the medium, made once."""
@@ -215,7 +238,7 @@ class Prepared:
             frame, sources, optical_depth_split=split, max_cells=self.limit, device=self.device
         )
 
-    def grown(self, stages: Stages, depth: int | None = None) -> "Medium":
+    def grown(self, depth: int | None = None) -> "Medium":
         """Octrees of all wavelengths.
 
         depth: number of times that the cube is halved; None: as the scene has it.
@@ -223,7 +246,7 @@ class Prepared:
         properties = self.properties
         frame = self.frame if depth is None else self.frame.at(depth)
         sources = [*properties.sources, *([] if properties.paper is None else [properties.paper])]
-        with stages.stage("octree") as note:
+        with self.stages.stage("octree") as note:
             trees = self.octrees(frame, sources)
             note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
         paper = trees.pop() if properties.paper is not None else None
@@ -317,6 +340,7 @@ def prepare(
         number=properties.chosen.main,
         limit=limit,
         device=device,
+        stages=stages,
         cache=cache,
     )
 

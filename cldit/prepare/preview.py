@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.errors import TransportError
-from cldit.gpu.device import Device
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
@@ -32,12 +31,12 @@ def coarsest_depth(scene: Scene, edge_m: float) -> int:
     return max(3, math.ceil(math.log2(ACROSS * edge_m / max(scene.camera.field_m))))
 
 
-def visible_emissivities(scene: Scene, device: Device, prepared: Prepared) -> tuple[float, ...]:
+def visible_emissivities(prepared: Prepared) -> tuple[float, ...]:
     """Emissivity at each wavelength above which a pixel has a T_app."""
     count = len(prepared.properties.sources)
     if count == 1 or prepared.is_empty:
         return (VISIBLE_EMISSIVITY,) * count
-    by_node, filtered = prepared.variant("preview", lambda: previewed(scene, device, prepared))
+    by_node, filtered = prepared.variant("preview", lambda: previewed(prepared))
     return tuple(as_many(node, filtered, VISIBLE_EMISSIVITY) for node in by_node)
 
 
@@ -56,10 +55,11 @@ def as_many(
     return float(np.interp(threshold, reference_rising, rising))
 
 
-def previewed(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, Floats]:
+def previewed(prepared: Prepared) -> tuple[Floats, Floats]:
     """Emissivity (K, h, w) of the medium in few pixels at each wavelength, and in the filter
     (h, w), without light that is scattered."""
-    cube, camera, chosen = prepared.cube, scene.camera, prepared.properties.chosen
+    scene, cube, chosen = prepared.scene, prepared.cube, prepared.properties.chosen
+    camera = scene.camera
     coarse = min(cube.depth, coarsest_depth(scene, cube.edge_m))
     columns, rows = (min(count, _PIXELS) for count in camera.pixels)
     coarse_camera = camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
@@ -70,7 +70,7 @@ def previewed(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats,
     for depth in range(coarse, cube.depth + 1):
         trees = prepared.octrees(cube.at(depth), prepared.properties.sources)
         try:
-            traces = [trace(tree, seen, device, settings) for tree in trees]
+            traces = [trace(tree, seen, prepared.device, settings) for tree in trees]
         except TransportError:  # cells so large reach behind a patch
             continue
         by_node = np.array([1.0 - traced.weights.background.astype(float) for traced in traces])

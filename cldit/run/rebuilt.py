@@ -77,7 +77,7 @@ def rebuilt(
         cube_m=resolution.cube_m,
         spectral_K=resolution.spectral_K,
     )
-    medium = prepared.grown(stages, None if resolution.cube_m is not None else resolution.depth)
+    medium = prepared.grown(None if resolution.cube_m is not None else resolution.depth)
     quadrature = medium.properties.chosen.quadrature
     nodes = SpectralInfo.of(quadrature, (), None).nodes
     for number_, (stored, remade) in enumerate(zip(_nodes(run), nodes, strict=False)):

@@ -97,7 +97,7 @@ class Case:
     def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
         """Medium of `scene` on `device`; tables are kept in `cache`."""
         stages = Stages(None)
-        return cls(scene, device, prepare(scene, device, stages, cache).grown(stages))
+        return cls(scene, device, prepare(scene, device, stages, cache).grown())
 
     @property
     def tree(self) -> Octree:

@@ -47,7 +47,7 @@ def test_pictures_of_threads_equal_those_of_one(
     for phase in phases:
         scene = block(phase)
         stages = Stages(None)
-        medium = prepare(scene, device, stages, tmp_path, deep_block()).grown(stages)
+        medium = prepare(scene, device, stages, tmp_path, deep_block()).grown()
         table = (*medium.properties.phases, None)[0]
         made[phase] = (medium.trees[0], scene, settings_for(scene, table))
 

@@ -1,80 +1,21 @@
-"""The interface of a source of error, and the data from which errors are estimated."""
+"""The interface of a source of error."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from cldit.accuracy.errors import Estimate
-from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
-from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
-from cldit.errors import MediumError, SprayError, TransportError
 from cldit.prepare.medium import Prepared
-from cldit.prepare.stages import Stages
 from cldit.scene import Scene
-from cldit.scene.spray import ConeSpray
 
-# A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
-NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
 # Cells of a trace that estimates one error alone. With 48 ordinates they take some 6 core-s (3.5
 # for 2.3e6 cells of gdi-cone), more than the image of most scenes.
 MOST_SWEPT = 4e6
-
-
-@dataclass
-class Measurement:
-    """Data from which errors are estimated, before or after the image is traced.
-
-    cell_m: edge of the cells that errors are estimated for; coarse_m: of those on which errors are
-    estimated that do not depend on the cells. image: of the run at the tracer's wavelength; None
-    before it is traced. exact: True if it has no error that `path` would not see. trace_errors: its
-    own; empty if nothing scatters. predicted: earlier estimates. estimates: by source, each made
-    once.
-    """
-
-    scene: Scene
-    tracer: VariantTracer
-    stages: Stages
-    cell_m: float
-    coarse_m: float
-    image: ImagePair | None = None
-    exact: bool = False
-    trace_errors: Sequence[TraceError] = ()
-    predicted: Mapping[str, Estimate] = field(default_factory=dict)
-    estimates: dict[str, Sequence[Estimate]] = field(default_factory=dict)
-
-    @property
-    def prepared(self) -> Prepared:
-        """Spray and optics."""
-        return self.tracer.prepared
-
-    def of(self, source: ErrorSource) -> Sequence[Estimate]:
-        """Estimates of a source."""
-        if source.name not in self.estimates:
-            estimated = source.predict if self.image is None else source.estimate
-            by = source.shared_by
-            self.estimates[source.name] = [
-                replace(e, cause=replace(e.cause, shared_by=by)) for e in estimated(self)
-            ]
-        return self.estimates[source.name]
-
-    def errors_K(self, source: ErrorSource) -> tuple[float | None, float | None]:
-        """Errors of both results by a source that another depends on; None: unknown."""
-        errors_K = (e.errors_K for e in self.of(source) if e.cause.name == source.name)
-        return next(errors_K, (None, None))
-
-    def on_lattice(self, up: int) -> tuple[ConeSpray, ImagePair]:
-        """The cone on a lattice so much coarser, and its image; raises `NO_COARSER_LATTICE`."""
-        cone = self.prepared.cone
-        assert cone is not None
-        wider = cone.model_copy(update={"spacing_m": up * cone.lattice_m})
-        name = f"{up} times the lattice"
-        return wider, self.tracer.variant(
-            name, lambda: self.prepared.resprayed(wider), self.coarse_m
-        )
+_CHOSEN_BY_RUN = (None, "auto", "need")  # values of keys
 
 
 def remedies(advice: str, key: str = "", **further: str) -> Mapping[str, str]:
@@ -101,17 +42,17 @@ class ErrorSource(ABC):
 
     name: str
     shared_by: str
+    remedy: Mapping[str, str]
     cost_power: float = 0.0
     cost_share: float = 1.0
     of_spray: bool = False
-    remedy: Mapping[str, str] = remedies("a larger transport.accuracy_K")
     also: tuple[str, ...] = ()
 
     def key(self, scene: Scene) -> str:
         """Key of the scene that fixes the source, of those with a remedy; empty: none."""
         for key in filter(None, self.remedy):
             section, name = key.split(".")
-            if getattr(getattr(scene, section), name, None) not in (None, "auto"):
+            if getattr(getattr(scene, section), name, None) not in _CHOSEN_BY_RUN:
                 return key
         return ""
 
@@ -120,16 +61,27 @@ class ErrorSource(ABC):
         return False
 
     def applies(self, prepared: Prepared) -> bool:
-        """True if the error of a prepared medium can be estimated on coarse cells."""
-        return False
-
-    def predict(self, at: Measurement) -> Sequence[Estimate]:
-        """Errors by this source on coarse cells, before the image is traced."""
-        return ()
+        """True if a medium has the source."""
+        return True
 
     @abstractmethod
-    def estimate(self, at: Measurement) -> Sequence[Estimate]:
-        """Errors of the image by this source; none where the scene does not have it."""
+    def estimate(self, at: VariantTracer) -> Sequence[Estimate]:
+        """Errors by this source; those `of_spray` on coarse cells where there is no image yet."""
+
+    def of(self, at: VariantTracer) -> Sequence[Estimate]:
+        """Errors by this source, each estimated once; none where the medium does not have it."""
+        if self.name not in at.estimates:
+            estimates = self.estimate(at) if self.applies(at.prepared) else ()
+            key, by = self.key(at.scene), self.shared_by
+            at.estimates[self.name] = [
+                replace(e, cause=replace(e.cause, fixed=key, shared_by=by)) for e in estimates
+            ]
+        return at.estimates[self.name]
+
+    def errors_K(self, at: VariantTracer) -> tuple[float | None, float | None]:
+        """Errors of both results, for a source that depends on this one; None: unknown."""
+        errors_K = (e.errors_K for e in self.of(at) if e.cause.name == self.name)
+        return next(errors_K, (None, None))
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         """A resolution that makes an error, `ratio` times its share and of an order, its share;

@@ -13,9 +13,10 @@ from dataclasses import replace
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
 from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.richardson import SAFE, error_at, extrapolated
-from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.trace_error import TraceError
+from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.medium.resolution import counted, in_whole_cells
 from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.scene import Scene
@@ -41,12 +42,12 @@ class _Wavelengths(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         return scene.optics.preset == "spectral" and not self.key(scene)
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         chosen = at.prepared.properties.chosen
         if not chosen.errors_K:
             return []
         method = f"{len(chosen.nodes)} nodes against more, on lines of sight through the spray"
-        cause = Cause(self.name, chosen.error_K, method, self.key(at.scene))
+        cause = Cause(self.name, chosen.error_K, method)
         return [Estimate(cause, kelvin_per_emissivity(at.scene) * chosen.error_emissivity)]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
@@ -76,53 +77,46 @@ class _Cells(ErrorSource):
         domain__rule="domain.rule: need, or a smaller domain.leaf_edge_m",
     )
 
-    def key(self, scene: Scene) -> str:
-        if scene.domain.leaf_edge_m is not None:
-            return "domain.leaf_edge_m"
-        return "domain.rule" if scene.domain.rule == "paper" else ""
-
     def is_free(self, scene: Scene) -> bool:
         return cells_are_free(scene) and not isinstance(scene.spray, GridSpray)
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         assert at.image is not None
-        # In exact cells only the light has an error, which a trace by `path` sees as a whole.
-        if at.exact and _exact(at):
-            return []
-        fixed = self.key(at.scene)
+        # In whole voxels only the light has an error, which a trace by `path` sees as a whole.
         if isinstance(at.scene.spray, GridSpray):
-            return [self._by_finer(at, fixed)]
-        at.stages.tell("errors: other cells")
-        estimates = error_at(at.tracer, at.cell_m)
+            in_voxels = in_whole_cells(at.frame(at.cell_m), at.prepared.sources)
+            return [] if at.exact and in_voxels else [self._by_finer(at)]
+        at.tell("errors: other cells")
+        estimates = error_at(at, at.cell_m)
         if estimates is None:
             too_coarse = 4 * at.cell_m > at.prepared.cube.edge_m * (1 + 1e-9)
             reason = "too few halvings of the cube to compare" if too_coarse else NO_PIXEL
-            return [Estimate.unknown(self.name, reason, fixed)]
+            return [Estimate.unknown(self.name, reason)]
         cell_mm = 1e3 * at.cell_m
         sizes = ", ".join(f"{cell_mm * up:.3g}" for up in estimates[0].sizes)
         subject = "cone and cells" if at.prepared.on_lattice else "cells"
-        out = [extrapolated(self.name, f"{subject} of {sizes} mm", fixed, estimates)]
-        if fixed and not estimates[0].shown:
+        out = [extrapolated(self.name, f"{subject} of {sizes} mm", estimates)]
+        if self.key(at.scene) and not estimates[0].shown:
             reason = f"cells of {sizes} mm show no order of convergence between 1 and 2"
-            out.append(Estimate.unknown(self.also[0], reason, fixed))
+            out.append(Estimate.unknown(self.also[0], reason))
         return out
 
-    def _by_finer(self, at: Measurement, fixed: str) -> Estimate:
+    def _by_finer(self, at: VariantTracer) -> Estimate:
         """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""
         cube = at.prepared.cube
-        cells = 8 * counted(cube, at.prepared.sources, at.tracer.device).swept
+        cells = 8 * counted(cube, at.prepared.sources, at.prepared.device).swept
         if cells > MOST_SWEPT:
             reason = (
                 f"cells half as large are {cells:.2g}, which would take longer than the image; "
                 "compare with a run of half the domain.leaf_edge_m"
             )
-            return Estimate.unknown(self.name, reason, fixed)
-        at.stages.tell("errors: cells half as large")
-        halved = at.tracer.level(at.cell_m / 2)
-        differences = at.tracer.difference(at.tracer.level(at.cell_m), halved)
+            return Estimate.unknown(self.name, reason)
+        at.tell("errors: cells half as large")
+        halved = at.level(at.cell_m / 2)
+        differences = at.difference(at.level(at.cell_m), halved)
         h_mm = 1e3 * at.cell_m
         method = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
-        return Estimate.of(self.name, [step.times(2.0) for step in differences], method, fixed)
+        return Estimate.of(self.name, [step.times(2.0) for step in differences], method)
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if old.depth is None:
@@ -132,13 +126,6 @@ class _Cells(ErrorSource):
         assert old.spacing_m is not None
         less = (SAFE / ratio) ** (1.0 / order)
         return old.on_lattice(old.spacing_m * max(less, 0.5))
-
-
-def _exact(at: Measurement) -> bool:
-    """True if cells are the voxels of a user's grid, or parts of them."""
-    return isinstance(at.scene.spray, GridSpray) and in_whole_cells(
-        at.tracer.frame(at.cell_m), at.prepared.sources
-    )
 
 
 class _Ordinates(ErrorSource):
@@ -158,21 +145,20 @@ class _Ordinates(ErrorSource):
         droplets = getattr(scene.spray, "droplets", True) is not None
         return scene.transport.directions is None and droplets
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         if not at.trace_errors:
             return []
-        key = self.key(at.scene)
         temperature, *rest = beyond(at)
         if temperature.error_K is None:
-            return [Estimate.unknown(self.name, temperature.unknown, key)]
+            return [Estimate.unknown(self.name, temperature.unknown)]
         method = "half the difference of two images, each by half of the ordinates or samples"
         if temperature.audit_K is not None:
             method = "some pixels traced by `path`, one standard error added, less the cells'"
         method += "; contains ordinates, iteration and gather"
         maps_K = [error.map_K for error in (temperature, *rest) if error.map_K is not None]
-        cause, unknown = Cause(self.name, temperature.error_K, method, key), temperature.unknown
+        cause, unknown = Cause(self.name, temperature.error_K, method), temperature.unknown
         out = [Estimate(cause, rest[0].error_K, maps_K)]
-        return out + ([Estimate.unknown("audit", unknown, key)] if unknown else [])
+        return out + ([Estimate.unknown("audit", unknown)] if unknown else [])
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         finer = ratio**self.cost_power
@@ -187,14 +173,16 @@ class _Ordinates(ErrorSource):
         return replace(resolution, more_ordinates=factor * resolution.more_ordinates)
 
 
-def beyond(at: Measurement) -> tuple[TraceError, ...]:
+def beyond(at: VariantTracer) -> tuple[TraceError, ...]:
     """Errors of the trace without what other sources state and the audit sees, too.
 
     `path` samples sources within cells, and follows rays to a cutoff of its own.
     """
-    stated = zip(*map(at.errors_K, (CELLS, CUTOFF, GATHER)), strict=True)
+    stated = zip(*(source.errors_K(at) for source in (CELLS, CUTOFF, GATHER)), strict=True)
     pairs = zip(at.trace_errors, stated, strict=False)
-    return tuple(error.beyond(math.hypot(*(e or 0.0 for e in errors))) for error, errors in pairs)
+    return tuple(
+        replace(error, cells_K=math.hypot(*(e or 0.0 for e in errors))) for error, errors in pairs
+    )
 
 
 WAVELENGTHS, CELLS, ORDINATES = _Wavelengths(), _Cells(), _Ordinates()

@@ -23,7 +23,8 @@ from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, gas_is_free, lattice_is_cells
 from cldit.accuracy.richardson import extrapolated, richardson
-from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import ErrorSource, remedies
+from cldit.accuracy.variant_tracer import NO_COARSER_LATTICE, VariantTracer
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
 from cldit.medium.gas_reconstruction import coarsened, reconstructed
 from cldit.medium.octree import Sources
@@ -37,8 +38,8 @@ _LARGEST_M = 1e-2  # that a scene may have
 _FEWEST = 6  # cells along the vapour, where a plume has three across
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
-_FIRST_ORDER = 0.5  # ratio of displacements
-# Between first order, of fronts, and second, of smooth gas. In 27 rows of
+# Ratio of the displacements of two steps, and the fastest that is relied on: between first order,
+# of fronts, and second, of smooth gas. In 27 rows of
 # docs/benchmarks/error-sources.md stated / true is 0.70 to 2.4; with 0.5 it was 0.94 to 3.1.
 _FASTEST = 0.375
 _SLOWEST = 0.75  # displacements that fall by less need not converge
@@ -81,28 +82,23 @@ class _GasGrid(ErrorSource):
 
     def applies(self, prepared: Prepared) -> bool:
         if prepared.cone is not None:
-            return not prepared.on_lattice
+            return not (prepared.on_lattice or prepared.is_empty)
         return prepared.spray.vapour is not None
 
-    def predict(self, at: Measurement) -> list[Estimate]:
-        if not self.applies(at.prepared):
-            return []
-        return self._lattice(at) if at.prepared.cone is not None else self._grid(at)
-
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         cone = at.prepared.cone
         if cone is None:
-            return self.predict(at)
+            return self._grid(at)
+        if at.image is None:
+            return self._lattice(at, cone)
         if self.name in at.predicted:
             return [at.predicted[self.name].at(cone.lattice_m)]
-        if at.prepared.on_lattice or at.prepared.is_empty:
-            return []
         twice, four = (f"{1e3 * up * cone.lattice_m:.3g}" for up in (2, 4))
         reason = (
             f"no estimate from lattices of {twice} and {four} mm, which do not resolve the plumes "
             f"or reach out of the domain; allowed: a smaller {_CONE_KEY}"
         )
-        return [Estimate.unknown(self.name, reason, _CONE_KEY)]
+        return [Estimate.unknown(self.name, reason)]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if old.gas_m is not None:
@@ -112,33 +108,30 @@ class _GasGrid(ErrorSource):
         spacing_m = old.spacing_m / ratio ** (1.0 / order)
         return replace(old, spacing_m=max(spacing_m, _FINEST_LATTICE_m))
 
-    def _lattice(self, at: Measurement) -> list[Estimate]:
-        cone, tracer = at.prepared.cone, at.tracer
-        assert cone is not None
-        at.stages.tell("errors: a lattice twice and four times as coarse")
+    def _lattice(self, at: VariantTracer, cone: ConeSpray) -> list[Estimate]:
+        at.tell("errors: a lattice twice and four times as coarse")
         try:
             coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))
         except NO_COARSER_LATTICE:
             return []
-        estimates = richardson(tracer, (tracer.level(at.coarse_m), coarser, coarsest))
+        estimates = richardson(at, (at.level(at.coarse_m), coarser, coarsest))
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
-        method, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
+        method = f"cone on lattices of {sizes} mm"
         options = {"at_most": estimates[0].bound_K is not None, "size": cone.lattice_m}
-        return [extrapolated(self.name, method, key, estimates, **options)]
+        return [extrapolated(self.name, method, estimates, **options)]
 
-    def _grid(self, at: Measurement) -> list[Estimate]:
-        fixed, spec = self.key(at.scene), at.prepared.spec
+    def _grid(self, at: VariantTracer) -> list[Estimate]:
+        spec = at.prepared.spec
         if not isinstance(spec, LagrangianSpray):
             reason = "the gas comes on one grid alone; compare with a run from a finer one"
-            return [*self._imported(at), Estimate.unknown(ORDER, reason, fixed)]
+            return [*self._imported(at), Estimate.unknown(ORDER, reason)]
         twice = self._traced(at, spec, 2)
         if isinstance(twice, str):
-            return [Estimate.unknown(self.name, twice, fixed)]
+            return [Estimate.unknown(self.name, twice)]
         image_2h, head_m = twice
         heads_m = [at.prepared.spray.notes[_HEAD], head_m]
-        tracer = at.tracer
-        image = tracer.level(at.cell_m)
-        fine_steps = tracer.difference(image, image_2h)
+        image = at.level(at.cell_m)
+        fine_steps = at.difference(image, image_2h)
         h_mm = 1e3 * spec.box.cell_m
         method = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
         again = self._traced(at, spec, 4)
@@ -148,61 +141,56 @@ class _GasGrid(ErrorSource):
         else:
             image_4h, head_m = again
             heads_m.append(head_m)
-            coarse_steps, sums = (tracer.difference(i, image_4h) for i in (image_2h, image))
+            coarse_steps, sums = (at.difference(i, image_4h) for i in (image_2h, image))
             triples = zip(fine_steps, coarse_steps, sums, strict=True)
             rests = [Rest.of(*(step.error_K for step in triple)) for triple in triples]
         remainder = rests[0]
         figures = {_HEAD: head_error_m(heads_m)}
         if isinstance(remainder, str):
-            stated = Estimate.of(self.name, fine_steps, method, fixed)
-            return [replace(stated, figures=figures), Estimate.unknown(ORDER, remainder, fixed)]
-        method += f", times {remainder.factor:.2g}: {remainder.text}"
+            stated = Estimate.of(self.name, fine_steps, method)
+            return [replace(stated, figures=figures), Estimate.unknown(ORDER, remainder)]
+        method += f", times {remainder.factor:.2g}: steps fall by {remainder.ratio:.2g}, "
+        method += f"correlation {remainder.correlation:.2g}"
         factors = ((remainder if isinstance(rest, str) else rest).factor for rest in rests)
         errors = [step.times(factor) for step, factor in zip(fine_steps, factors, strict=True)]
         h_m = spec.box.cell_m
-        stated = Estimate.of(self.name, errors, method, fixed, order=remainder.order, size=h_m)
+        stated = Estimate.of(self.name, errors, method, order=remainder.order, size=h_m)
         return [replace(stated, figures=figures)]
 
-    def _imported(self, at: Measurement) -> list[Estimate]:
+    def _imported(self, at: VariantTracer) -> list[Estimate]:
         """The error of linear cells, by the same gas in cells twice and four times as large."""
-        gas, images = at.prepared.made.vapour, [at.tracer.level(at.cell_m)]
+        gas, images = at.prepared.made.vapour, [at.level(at.cell_m)]
         for times in _TIMES.values():
             gas = None if gas is None else coarsened(gas)
             if gas is None:
                 return [Estimate.unknown(self.name, "its cells are on no lattice")]
             name = f"gas averaged over cells {times} as large"
-            at.stages.tell(f"errors: {name}")
+            at.tell(f"errors: {name}")
             larger = replace(at.prepared.spray, vapour=reconstructed(gas))
             try:
-                image = at.tracer.variant(name, partial(at.prepared.sources_of, larger), at.cell_m)
+                image = at.variant(name, partial(at.prepared.sources_of, larger), at.cell_m)
             except (MediumError, TransportError) as error:  # larger cells reach further
                 return [Estimate.unknown(self.name, f"{name}: {error}")]
             images.append(image)
         method = "gas averaged over cells twice and four times as large, linear in all"
-        key = self.key(at.scene)
-        return [extrapolated(self.name, method, key, richardson(at.tracer, images))]
+        return [extrapolated(self.name, method, richardson(at, images))]
 
     def _traced(
-        self, at: Measurement, spec: LagrangianSpray, up: int
+        self, at: VariantTracer, spec: LagrangianSpray, up: int
     ) -> tuple[ImagePair, float] | str:
         """Image of the spray on cells of gas `up` times as large, and the vapour's penetration; or
         why there is none."""
         name = f"gas on cells {_TIMES[up]} as large"
-        gas: Coarser | str = at.prepared.variant(name, lambda: _coarser_gas(at, spec, up))
+        gas: Coarser | str = at.prepared.variant(name, lambda: coarser_gas(at.prepared, spec, up))
         if isinstance(gas, str):
             return gas
-        at.stages.tell(f"errors: {name}")
+        at.tell(f"errors: {name}")
         sources, head_m = gas
         try:
             # On the image's own cells: larger ones would blur those of the gas.
-            return at.tracer.variant(name, lambda: sources, at.cell_m), head_m
+            return at.variant(name, lambda: sources, at.cell_m), head_m
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
             return f"the spray on larger cells of gas: {error}"
-
-
-def _coarser_gas(at: Measurement, spec: LagrangianSpray, up: int) -> Coarser | str:
-    with at.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
-        return coarser_gas(at.prepared, spec, up)
 
 
 def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Coarser | str:
@@ -221,8 +209,9 @@ def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Coarser |
     if larger_m > _LARGEST_M:
         return f"{name} are above {_LARGEST_M:g} m"
     try:
-        spray = prepared.other_spray(spec.on_gas(larger_m))
-        sources = prepared.sources_of(spray)
+        with prepared.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
+            spray = prepared.other_spray(spec.on_gas(larger_m))
+            sources = prepared.sources_of(spray)
     except (SprayError, OpticsError) as error:
         return f"the spray on {name}: {error}"
     sources, lost = within(prepared.cube, sources)
@@ -238,7 +227,7 @@ def head_error_m(heads_m: Sequence[float]) -> float:
     """Error of the vapour's penetration on the first of grids, each of twice the cells of the one
     before: the larger one by first order from any step, since steps change sign."""
     steps_m = np.abs(np.diff(heads_m))
-    return float(np.max(steps_m * _FIRST_ORDER ** np.arange(len(steps_m))))
+    return float(np.max(steps_m * 0.5 ** np.arange(len(steps_m))))
 
 
 @dataclass(frozen=True)
@@ -250,9 +239,12 @@ class Rest:
     change different pixels. So with a correlation c the RMS is taken to grow as the power
     (1 + c) / 2 of the displacement: exact for c of 0 and 1.
 
-    ratio: of a step to the one before; correlation: of both.
+    factor: the error over the last step. order: power of the cell with which the error falls.
+    ratio: of a step to the one before. correlation: of both.
     """
 
+    factor: float
+    order: float
     ratio: float
     correlation: float
 
@@ -263,39 +255,16 @@ class Rest:
             return "a step is unknown"
         ratio = last_K / before_K
         alike = (both_K**2 - last_K**2 - before_K**2) / (2.0 * last_K * before_K)
-        rest = cls(ratio, min(max(alike, 0.0), 1.0))
-        if rest.displacements > _SLOWEST:
+        correlation = min(max(alike, 0.0), 1.0)
+        power = (1.0 + correlation) / 2.0
+        displacements = max(float(ratio ** (1.0 / power)), _FASTEST)
+        if displacements > _SLOWEST:
             return (
                 f"the steps are {before_K:.2g} and {last_K:.2g} K: no convergence is seen; "
                 f"allowed: a smaller {_FLOW_KEY}"
             )
-        return rest
-
-    @property
-    def power(self) -> float:
-        """Power of the displacement with which the RMS grows."""
-        return (1.0 + self.correlation) / 2.0
-
-    @property
-    def displacements(self) -> float:
-        """Ratio of the displacements of both steps; a faster one than `_FASTEST` is not relied
-        on."""
-        return max(float(self.ratio ** (1.0 / self.power)), _FASTEST)
-
-    @property
-    def factor(self) -> float:
-        """Richardson's sum of displacements."""
-        return float((self.displacements / (1.0 - self.displacements)) ** self.power)
-
-    @property
-    def order(self) -> float:
-        """Power of the cell with which the error falls."""
-        return -self.power * math.log2(self.displacements)
-
-    @property
-    def text(self) -> str:
-        """Ratio and correlation."""
-        return f"steps fall by {self.ratio:.2g}, correlation {self.correlation:.2g}"
+        factor = (displacements / (1.0 - displacements)) ** power  # Richardson's, of displacements
+        return cls(float(factor), -power * math.log2(displacements), ratio, correlation)
 
 
 GAS_GRID = _GasGrid()

@@ -7,10 +7,12 @@ the side of it that omits less, is no source of error and costs nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from cldit.accuracy.errors import OMISSION, Estimate
-from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import MOST_SWEPT, ErrorSource, remedies
+from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import counted
 from cldit.prepare.medium import Prepared
@@ -21,6 +23,7 @@ from cldit.scene.vessel import Domain
 _SPLIT = float(Domain.model_fields["optical_depth_split"].default)
 
 
+@dataclass(frozen=True)
 class Omission(ErrorSource):
     """A key that omits physics, a row of the table below.
 
@@ -31,25 +34,17 @@ class Omission(ErrorSource):
     are compared, of a grid its voxels.
     """
 
+    name: str
+    fixed_by: str
+    method: str
+    remedy: Mapping[str, str]
+    omits: Callable[[Scene], bool]
+    complete: Mapping[str, Any]
+    split: float | None = None
+    of_gas: bool = False
+    costly: bool = False
     of_spray = True
     shared_by = OMISSION
-
-    def __init__(
-        self,
-        name: str,
-        key: str,
-        method: str,
-        remedy: str,
-        omits: Callable[[Scene], bool],
-        complete: Mapping[str, Any],
-        *,
-        split: float | None = None,
-        of_gas: bool = False,
-        costly: bool = False,
-    ) -> None:
-        self.name, self.fixed_by, self.method, self.remedy = name, key, method, remedies(remedy)
-        self.omits, self.complete, self.split = omits, complete, split
-        self.of_gas, self.costly = of_gas, costly
 
     def key(self, scene: Scene) -> str:
         """The key, where the scene omits something by it."""
@@ -59,51 +54,46 @@ class Omission(ErrorSource):
         """True if the scene omits something of a medium."""
         return self.omits(prepared.scene) and not prepared.is_empty
 
-    def predict(self, at: Measurement) -> list[Estimate]:
-        """The error on coarse cells."""
-        return self._stated(at, at.coarse_m) if self.applies(at.prepared) else []
-
-    def estimate(self, at: Measurement) -> list[Estimate]:
-        """The error of the image."""
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
+        """The error of the image; on coarse cells before there is one."""
         method = at.scene.transport.method
-        if not self.applies(at.prepared):
-            return []
+        if at.image is None:
+            return self._stated(at, at.coarse_m)
         if self is CUTOFF and method != "source" and at.trace_errors:
             reason = f"method {method} ends rays at every scattering"  # `path` has one of its own
-            return [] if method == "path" else [Estimate.unknown(self.name, reason, self.fixed_by)]
-        cells = counted(at.tracer.frame(at.cell_m), at.prepared.sources, at.tracer.device).swept
+            return [] if method == "path" else [Estimate.unknown(self.name, reason)]
+        cells = counted(at.frame(at.cell_m), at.prepared.sources, at.prepared.device).swept
         fine = isinstance(at.scene.spray, GridSpray) and cells <= MOST_SWEPT
         return self._stated(at, at.cell_m if fine or not self.costly else at.coarse_m)
 
-    def _stated(self, at: Measurement, cell_m: float) -> list[Estimate]:
+    def _stated(self, at: VariantTracer, cell_m: float) -> list[Estimate]:
         out = [self._compared(at, cell_m)]
         nodes = len(at.prepared.properties.chosen.quadrature.nodes)
         if self.of_gas and nodes > 1 and at.prepared.sources[1]:
             reason = f"compared at one of {nodes} wavelengths; gas may be opaque at others"
             name = f"{self.name} at other wavelengths"
-            out.append(Estimate.unknown(name, reason, self.fixed_by))
+            out.append(Estimate.unknown(name, reason))
         return out
 
-    def _compared(self, at: Measurement, cell_m: float) -> Estimate:
-        at.stages.tell(f"errors: {self.name}")
-        tracer = at.tracer
+    def _compared(self, at: VariantTracer, cell_m: float) -> Estimate:
+        at.tell(f"errors: {self.name}")
         try:
-            image = tracer.level(cell_m)
-            complete = tracer.variant(self.name, None, cell_m, self.complete, self.split)
+            image = at.level(cell_m)
+            complete = at.variant(self.name, None, cell_m, self.complete, self.split)
         except (MediumError, SprayError, TransportError) as error:
             reason = f"the image that omits nothing cannot be traced: {error}"
-            return Estimate.unknown(self.name, reason, self.fixed_by)
+            return Estimate.unknown(self.name, reason)
         section, name = self.fixed_by.split(".")
         value = getattr(getattr(at.scene, section), name)
         method = f"{self.method.format(value)}, on cells of {1e3 * cell_m:.3g} mm"
-        return Estimate.of(self.name, tracer.difference(image, complete), method, self.fixed_by)
+        return Estimate.of(self.name, at.difference(image, complete), method)
 
 
 ORDERS = Omission(
     "orders of scattering",
     "transport.order",
     "order {} against all orders",
-    "a larger transport.order, or none for all orders",
+    remedies("a larger transport.order, or none for all orders"),
     lambda scene: scene.transport.order is not None,
     {"order": None},
     costly=True,
@@ -112,7 +102,7 @@ CUTOFF = Omission(
     "cutoff of rays",
     "transport.cutoff",
     "cutoff {:g} against one chosen for the sources",
-    "no transport.cutoff",
+    remedies("no transport.cutoff"),
     lambda scene: bool(scene.transport.cutoff),
     {"cutoff": None},
     of_gas=True,
@@ -121,7 +111,7 @@ GATHER = Omission(
     "sources within cells",
     "transport.gather",
     "constant sources against the final gather",
-    "transport.gather: true",
+    remedies("transport.gather: true"),
     lambda scene: (
         not scene.transport.gather
         and scene.transport.method == "source"
@@ -133,7 +123,7 @@ VAPOUR_CELLS = Omission(
     "cells of vapour",
     "domain.optical_depth_split",
     f"split at {{:g}} against {_SPLIT:g}",
-    f"domain.optical_depth_split: {_SPLIT:g}",
+    remedies(f"domain.optical_depth_split: {_SPLIT:g}"),
     lambda scene: scene.domain.optical_depth_split > _SPLIT,
     {},
     split=_SPLIT,

@@ -13,7 +13,8 @@ import numpy as np
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.resolution import Resolution
-from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.base import ErrorSource, remedies
+from cldit.accuracy.variant_tracer import NO_COARSER_LATTICE, VariantTracer
 from cldit.medium.cloud import SAMPLING, Kernel, copies_of, halves, variants
 from cldit.medium.octree import Sources
 from cldit.prepare.medium import Prepared
@@ -70,27 +71,24 @@ class _Parcels(ErrorSource):
             return False
         return int(np.count_nonzero(parcels.droplets)) >= 2
 
-    def predict(self, at: Measurement) -> list[Estimate]:
-        if not self.applies(at.prepared):
-            return []
-        key, tracer = self.key(at.scene), at.tracer
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         variants_of: ParcelVariants = at.prepared.variant(
             self.name, lambda: parcel_variants(at.prepared)
         )
         (half_a, half_b), narrower, sampling = variants_of
-        at.stages.tell("errors: either half of the parcels")
-        image_a = tracer.variant("first half of the parcels", lambda: half_a, at.coarse_m)
-        image_b = tracer.variant("second half of the parcels", lambda: half_b, at.coarse_m)
-        errors = [step.times(sampling) for step in tracer.difference(image_a, image_b)]
+        at.tell("errors: either half of the parcels")
+        image_a = at.variant("first half of the parcels", lambda: half_a, at.coarse_m)
+        image_b = at.variant("second half of the parcels", lambda: half_b, at.coarse_m)
+        errors = [step.times(sampling) for step in at.difference(image_a, image_b)]
         method = f"{sampling:.2g} of the difference of two halves of the parcels"
-        out = [Estimate.of(self.name, errors, method, key)]
+        out = [Estimate.of(self.name, errors, method)]
         if narrower is not None:
-            at.stages.tell("errors: parcels spread less")
-            image = tracer.variant("parcels spread less", lambda: narrower, at.coarse_m)
-            steps = tracer.difference(tracer.level(at.coarse_m), image)
+            at.tell("errors: parcels spread less")
+            image = at.variant("parcels spread less", lambda: narrower, at.coarse_m)
+            steps = at.difference(at.level(at.coarse_m), image)
             width = [step.times(_OF_WIDTH) for step in steps]
             method = "4/3 of the step to half of the variance, for a bias of fourth order"
-            out.append(Estimate.of("deposit width", width, method, key, at_most=True))
+            out.append(Estimate.of("deposit width", width, method, at_most=True))
         points, _ = at.prepared.sources
         if isinstance(at.scene.spray, LagrangianSpray) and points is not None:
             if len(points.position_m) < _FEWEST_PARCELS:
@@ -98,11 +96,8 @@ class _Parcels(ErrorSource):
                     f"{len(points.position_m)} parcels, whose halves share a gas that they drive; "
                     f"below {_FEWEST_PARCELS} the scatter between seeds exceeds this estimate"
                 )
-                out.append(Estimate.unknown("gas of few parcels", reason, key))
+                out.append(Estimate.unknown("gas of few parcels", reason))
         return out
-
-    def estimate(self, at: Measurement) -> list[Estimate]:
-        return self.predict(at)
 
 
 class _SizeClasses(ErrorSource):
@@ -118,40 +113,34 @@ class _SizeClasses(ErrorSource):
         return isinstance(scene.spray, ConeSpray) and not self.key(scene)
 
     def applies(self, prepared: Prepared) -> bool:
-        cone = prepared.cone
-        return cone is not None and cone.classes > 1
+        return prepared.cone is not None and not prepared.is_empty
 
-    def predict(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         cone = at.prepared.cone
-        if cone is None or not self.applies(at.prepared):
-            return []
+        assert cone is not None
+        if at.image is None:
+            return self._halved(at, cone) if cone.classes > 1 else []
+        if self.name in at.predicted:
+            return [at.predicted[self.name].at(1 / cone.classes)]
+        reason = "one class alone, or no coarser lattice to compare on"
+        return [Estimate.unknown(self.name, reason)]
+
+    def _halved(self, at: VariantTracer, cone: ConeSpray) -> list[Estimate]:
         try:
             if at.prepared.on_lattice:
-                cone, all_classes = at.tracer.cone_at(at.coarse_m), at.tracer.level(at.coarse_m)
+                cone, all_classes = at.cone_at(at.coarse_m), at.level(at.coarse_m)
             else:
                 (cone, all_classes), _ = (at.on_lattice(up) for up in (2, 4))
-            at.stages.tell("errors: half of the classes of size")
+            at.tell("errors: half of the classes of size")
             half = cone.model_copy(update={"size_classes": cone.classes // 2})
-            image = at.tracer.variant(
+            image = at.variant(
                 f"{half.size_classes} classes", lambda: at.prepared.resprayed(half), at.coarse_m
             )
         except NO_COARSER_LATTICE:
             return []
-        differences = at.tracer.difference(all_classes, image)
+        differences = at.difference(all_classes, image)
         method = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
-        key, size = self.key(at.scene), 1 / cone.classes
-        return [Estimate.of(self.name, differences, method, key, size=size)]
-
-    def estimate(self, at: Measurement) -> list[Estimate]:
-        cone = at.prepared.cone
-        if cone is None:
-            return []
-        if self.name in at.predicted:
-            return [at.predicted[self.name].at(1 / cone.classes)]
-        if at.prepared.is_empty:
-            return []
-        reason = "one class alone, or no coarser lattice to compare on"
-        return [Estimate.unknown(self.name, reason, "spray.size_classes")]
+        return [Estimate.of(self.name, differences, method, size=1 / cone.classes)]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if old.size_classes is None:

@@ -12,8 +12,8 @@ import numpy as np
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
-from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
-from cldit.accuracy.variant_tracer import temperature_of
+from cldit.accuracy.sources.base import ErrorSource, remedies
+from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
@@ -42,19 +42,15 @@ class _PixelSampling(ErrorSource):
     def is_free(self, scene: Scene) -> bool:
         return scene.camera.rays_across is None and scene.transport.method == "source"
 
-    def estimate(self, at: Measurement) -> list[Estimate]:
+    def estimate(self, at: VariantTracer) -> list[Estimate]:
         assert at.image is not None
-        if at.tracer.settings.whole_pixels and at.scene.transport.method == "path":
+        if at.settings.whole_pixels and at.scene.transport.method == "path":
             return []  # random places in each pixel: part of the noise of paths
         if at.scene.transport.method != "source":
             reason = "not known from random samples; transport.method: source estimates it"
-            return [Estimate.unknown(self.name, reason, self.key(at.scene))]
-        return [self._of(at, at.image)]
-
-    def _of(self, at: Measurement, image: ImagePair) -> Estimate:
-        visible = at.tracer.settings.visible
-        temperature = temperature_of(at.tracer.scene, at.prepared, visible=visible)
-        return pixel_error(temperature, image, self.key(at.scene))
+            return [Estimate.unknown(self.name, reason)]
+        temperature = temperature_of(at.prepared, visible=at.settings.visible)
+        return [pixel_error(temperature, at.image)]
 
     def finer(self, old: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         return replace(old, pixels_K=share_K)
@@ -63,7 +59,7 @@ class _PixelSampling(ErrorSource):
 PIXEL_SAMPLING = _PixelSampling()
 
 
-def pixel_error(temperature: NodeTemperature, image: ImagePair, key: str = "") -> Estimate:
+def pixel_error(temperature: NodeTemperature, image: ImagePair) -> Estimate:
     """Errors of both results by pixel sampling, from an image (H, W) with its `subpixels`.
 
     Two halves of the sample have the image's error with independent noise; their product has its
@@ -75,7 +71,7 @@ def pixel_error(temperature: NodeTemperature, image: ImagePair, key: str = "") -
     results[0, ~image.visible(temperature)] = np.nan
     count = int(np.count_nonzero(np.isfinite(results[0])))
     if subpixels is None or not count:
-        return Estimate.unknown(name, "no pixel has a T_app", key)
+        return Estimate.unknown(name, "no pixel has a T_app")
     pixels = subpixels.sample.pixels
     sampled = temperature.picked(pixels)
 
@@ -102,7 +98,7 @@ def pixel_error(temperature: NodeTemperature, image: ImagePair, key: str = "") -
     rays = "{0}" if subpixels.across.min() == subpixels.across.max() else "{0} to {1}"
     rays = rays.format(subpixels.across.min() ** 2, subpixels.across.max() ** 2)
     method = f"the image's rays against {rays}, in each of {len(pixels)} pixels"
-    return Estimate(Cause(name, errors_K[0], method, key), errors_K[1], maps_K)
+    return Estimate(Cause(name, errors_K[0], method), errors_K[1], maps_K)
 
 
 def _evaluated(image: ImagePair, reference: Weights) -> ImagePair:

@@ -18,12 +18,33 @@ from cldit.accuracy.converge import Result, converge
 from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.trace_error import TraceError
 from cldit.gpu.device import Device
 from cldit.prepare.medium import prepare
 from cldit.prepare.stages import Stages
 from cldit.run import simulate
-from cldit.scene import load_scene, parse_scene
+from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.trace import settings_for, trace
+
+
+def box(folder: Path, **sections: dict[str, Any]) -> Scene:
+    """A scene of a cube of 4^3 voxels of droplets, and 8 x 8 pixels."""
+    coefficient = np.full((4, 4, 4), 300.0)
+    np.savez(
+        folder / "grid.npz",
+        origin_m=np.full(3, -2e-3),
+        spacing_m=np.full(3, 1e-3),
+        droplet_absorption_per_m=coefficient,
+        droplet_scattering_per_m=coefficient,
+        droplet_temperature_K=coefficient,
+    )
+    data = {
+        "name": "box",
+        "spray": {"model": "grid", "file": str(folder / "grid.npz")},
+        "domain": {"edge_m": 0.016},
+        "camera": {"pixels": [8, 8], "field_m": [0.006, 0.006], "target_m": [0.0, 0.0, 0.0]},
+    }
+    return parse_scene(data | sections)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +81,8 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     device: Any = None
     stages = Stages(None)
     problem = Problem(scene, device, stages, Path(), None)
-    nothing: Any = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]), cone=None)
+    nothing: Any = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]))
+    nothing.finest_lattice_m = lambda **_: 0.0
     problem._prepared = (), nothing
     kept = converge(problem, scene.transport.accuracy_K)
     assert kept.errors.total_K == kept_K
@@ -68,6 +90,19 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     worse = found_K[-1] > kept_K
     assert any("is kept" in remark for remark in stages.remarks) == worse
     assert (kept.resolution.limits == {"cells": "memory is full"}) == worse
+
+
+def test_a_run_without_audit_remarks_on_its_trace_alone() -> None:
+    keys = {"transport.audit": False, "transport.accuracy_K": 0.1, "transport.directions": 16}
+    result: Any = SimpleNamespace(
+        trace_error=TraceError(0.24),
+        traces=SimpleNamespace(short=()),
+        errors=Errors(()),
+        resolution=SimpleNamespace(limits={}),
+        allocation=SimpleNamespace(emissivity=None),
+    )
+    (text,) = converging._last_remarks(load_scene("gdi-cone").with_(**keys), result)
+    assert "trace contributes 0.24 K, set by transport.directions" in text
 
 
 @pytest.mark.parametrize(
@@ -83,29 +118,11 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
 def test_no_error_is_stated_of_a_temperature_that_no_pixel_has(
     device: Device, tmp_path: Path, change: dict[str, Any], why: str
 ) -> None:
-    one = np.ones((4, 4, 4))
-    np.savez(
-        tmp_path / "grid.npz",
-        origin_m=np.full(3, -2e-3),
-        spacing_m=np.full(3, 1e-3),
-        droplet_absorption_per_m=300.0 * one,
-        droplet_scattering_per_m=300.0 * one,
-        droplet_temperature_K=300.0 * one,
-    )
-    data: dict[str, Any] = {
-        "name": "dark",
-        "spray": {"model": "grid", "file": str(tmp_path / "grid.npz")},
-        "domain": {"edge_m": 0.016},
-        "camera": {
-            "pixels": [8, 8],
-            "field_m": [0.006, 0.006],
-            "target_m": [0.0, 0.0, 0.0],
-            "rays_per_pixel": 1,  # a mean over an edge may have a T_app
-        },
-        "walls": {"temperature_K": 400.0, **change.get("walls", {})},
-        "background": {"radius_m": 0.05} | change["background"],
-    }
-    run = simulate(parse_scene(data), device=device)
+    walls = {"temperature_K": 400.0}
+    background = {"radius_m": 0.05} | change["background"]
+    # A mean over an edge may have a T_app.
+    scene = box(tmp_path, walls=walls, background=background).with_(**{"camera.rays_per_pixel": 1})
+    run = simulate(scene, device=device)
     assert not run.maps.has_temperature.any()
     assert run.errors is not None and run.errors.total_K is None and not run.errors.causes
     assert re.search(f"not stated: no pixel has a T_app .*({why})", run.errors.text)
@@ -115,23 +132,7 @@ def test_no_error_is_stated_of_a_temperature_that_no_pixel_has(
 
 def test_an_image_that_was_traced_is_only_audited(device: Device, tmp_path: Path) -> None:
     """A coarse trace that becomes the image has the weights and the audit of a trace of its own."""
-    extinction = np.full((4, 4, 4), 300.0)
-    np.savez(
-        tmp_path / "grid.npz",
-        origin_m=np.full(3, -2e-3),
-        spacing_m=np.full(3, 1e-3),
-        droplet_absorption_per_m=extinction,
-        droplet_scattering_per_m=extinction,
-        droplet_temperature_K=extinction,
-    )
-    scene = parse_scene(
-        {
-            "name": "box",
-            "spray": {"model": "grid", "file": str(tmp_path / "grid.npz")},
-            "domain": {"edge_m": 0.016},
-            "camera": {"pixels": [8, 8], "field_m": [0.006, 0.006], "target_m": [0.0, 0.0, 0.0]},
-        }
-    )
+    scene = box(tmp_path)
     prepared = prepare(scene, device, Stages(None), tmp_path)
     (tree,) = prepared.octrees(prepared.cube, [prepared.sources])
     settings = settings_for(scene, tolerance_K=4.0)

@@ -12,6 +12,11 @@ from cldit.accuracy.remarks import too_large
 from cldit.accuracy.resolution import too_fine, too_many
 
 
+@pytest.mark.parametrize(("error_K", "remarks"), [(0.1, 0), (0.1049, 0), (0.1051, 1)])
+def test_an_error_exceeds_its_tolerance_as_it_is_printed(error_K: float, remarks: int) -> None:
+    assert len(too_large(Errors.of([Cause("cells", error_K, "x")]), 0.1, {})) == remarks
+
+
 def test_squares_add_up() -> None:
     errors = Errors.of([Cause("cells", 3.0, "coarser"), Cause("ordinates", 4.0, "halves")])
     assert errors.total_K == pytest.approx(5.0)
@@ -52,11 +57,8 @@ def test_json_gives_back_the_same() -> None:
     data = json.loads(json.dumps(errors.to_dict(), allow_nan=False))
     assert data["at_least"] is True
     assert TypeAdapter(Errors).validate_python(data) == errors
-
-
-def test_errors_of_runs_before_the_model_had_a_spread() -> None:
-    data = {"causes": [{"name": "cells", "error_K": 0.5, "how": "coarser", "fixed": ""}]}
-    assert TypeAdapter(Errors).validate_python(data) == Errors.of([Cause("cells", 0.5, "coarser")])
+    old = {"causes": [{"name": "cells", "error_K": 0.5, "how": "coarser", "fixed": ""}]}
+    assert TypeAdapter(Errors).validate_python(old) == Errors.of([Cause("cells", 0.5, "coarser")])
 
 
 def test_more_than_asked_says_what_and_how() -> None:
@@ -92,6 +94,8 @@ def test_limits_say_what_helps_there(why: str, allowed: str) -> None:
 @pytest.mark.parametrize(
     ("name", "key", "allowed"),
     [
+        ("trace", "", "more transport.directions or a larger transport.max_samples"),
+        ("trace", "transport.directions", "more transport.directions, or none"),
         ("cells", "domain.rule", "domain.rule: need, or a smaller domain.leaf_edge_m"),
         ("cells", "", "a smaller domain.leaf_edge_m"),
         ("wavelengths", "optics.spectral_error_K", "a smaller optics.spectral_error_K, or none"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,20 +43,12 @@ def remark(
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
     allocation = Allocation.of(gdi, 1.0)
-    return expected(
-        gdi, device, frame, box(), [settings],
-        coarse=[] if coarse is None else [coarse], allocation=allocation,
-    )  # fmt: skip
+    prepared: Any = SimpleNamespace(scene=gdi, device=device, sources=box())
+    costs = [] if coarse is None else [coarse]
+    return expected(prepared, frame, [settings], coarse=costs, allocation=allocation)
 
 
 COARSE = TraceCost(cells=32**3, ordinates=24, pixels=10_000, sweeps_s=1.0, rays_s=1.0)
-
-
-def test_sweeps_grow_with_cells_and_ordinates_rays_with_pixels() -> None:
-    assert COARSE.scaled_s(32**3, 24, 10_000, 1) == 2.0
-    assert COARSE.scaled_s(64**3, 48, 10_000, 1) == pytest.approx(16 + 2)
-    assert COARSE.scaled_s(32**3, 48, 40_000, 2) == pytest.approx(2 + 8)
-    assert replace(COARSE, cells=0).scaled_s(0, 24, 10_000, 1) == 0.0
 
 
 def test_an_image_of_a_minute_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,16 +70,3 @@ def test_half_of_the_memory_is_announced(monkeypatch: pytest.MonkeyPatch) -> Non
     assert remark(coarse=None) == ()
     (text,) = remark(depth=7, coarse=None)
     assert text.startswith("expected for the image: 0.017 GB, by ")
-
-
-def test_a_trace_is_measured() -> None:
-    """A tenth of the time was spent on rays; compilation, which is paid once, is not counted."""
-    image = SimpleNamespace(background=np.zeros((3, 4)))
-    device: Any = SimpleNamespace(is_cpu=False)
-    settings: Any = SimpleNamespace(final_directions=24)
-    for seconds, share in (({"scattering": 0.9, "image": 0.1}, 0.9), ({}, 0.0)):
-        made: Any = SimpleNamespace(seconds=seconds, weights=image)
-        made.self = made
-        found, cost = TraceCost.measured(device, 8, settings, partial(getattr, made, "self"))
-        assert found is made and (cost.cells, cost.ordinates, cost.pixels) == (8, 24, 12)
-        assert cost.sweeps_s == pytest.approx(share * (cost.sweeps_s + cost.rays_s))

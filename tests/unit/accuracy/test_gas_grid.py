@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,9 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Errors
-from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.remarks import too_large
-from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.gas_grid import (
     GAS_GRID,
     ORDER,
@@ -25,18 +23,17 @@ from cldit.accuracy.sources.gas_grid import (
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
-from cldit.medium.octree import CellSource, PointSource, Sources, build_octrees
-from cldit.medium.resolution import within
+from cldit.medium.octree import CellSource, Sources
 from cldit.prepare import medium
 from cldit.prepare.stages import Stages
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from tests.unit.accuracy.number_images import NumberTracer
 
 H = 1e-3
 CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
-NONE: Any = None
 
 
 def vapour(h_m: float = H, *, long: int = 24) -> Vapour:
@@ -56,34 +53,19 @@ def prepared(gas: Vapour, resprayed: Any) -> Any:
     notes = {"vapour_penetration_m": 0.03}
     return SimpleNamespace(
         spray=spray,
+        stages=Stages(None),
         cube=CUBE,
         other_spray=lambda spec: SimpleNamespace(spec=spec, notes=notes),
         sources_of=lambda other: resprayed(other.spec),
     )
 
 
-def gas(lower: list[list[float]], edge_m: float, absorption: float = 1.0) -> CellSource:
-    low = np.array(lower)
-    some, none = np.full(len(low), absorption), np.zeros(len(low))
-    return CellSource(low, low + edge_m, some, 2 * some, none, none, none)
-
-
-def droplets(place: list[list[float]]) -> PointSource:
-    one = np.ones(len(place))
-    return PointSource(np.array(place), one, 3 * one, 2 * one, None, (one,))
-
-
-def difference(error_K: float | None) -> ImageDifference:
-    return ImageDifference(error_K, np.full((2, 2), np.nan if error_K is None else error_K))
-
-
 def test_the_same_spray_on_cells_twice_as_large() -> None:
     asked: list[LagrangianSpray] = []
-    sources: Sources = (droplets([[0, 0, 0]]), [gas([[0.0, 0.0, 0.0]], 2 * H)])
 
     def made(spec: LagrangianSpray) -> Sources:
         asked.append(spec)
-        return sources
+        return None, []
 
     spec = LagrangianSpray(seed=7)
     for up in (2, 4):
@@ -102,78 +84,41 @@ def test_the_same_spray_on_cells_twice_as_large() -> None:
         (1e-3, vapour(long=11), "5.5 along the vapour"),  # 6 are 12 of those of half the edge
         (1e-3, vapour(2e-3), "the spray was given"),
         (6e-3, vapour(6e-3, long=24), "above 0.01 m"),
+        (1e-3, vapour(), "the gas is too fast"),
     ],
 )
 def test_no_spray_where_none_tells(spacing_m: float, here: Vapour, why: str) -> None:
-    def never(_: LagrangianSpray) -> Sources:
-        raise AssertionError("made")
-
-    spec = LagrangianSpray(box={"spacing_m": spacing_m})
-    found = coarser_gas(prepared(here, never), spec, 2)
-    assert isinstance(found, str) and why in found
-
-
-def test_a_flow_that_cannot_be_followed() -> None:
     def fails(_: LagrangianSpray) -> Sources:
         raise SprayError("the gas is too fast")
 
-    found = coarser_gas(prepared(vapour(), fails), LagrangianSpray(), 2)
-    assert isinstance(found, str) and "too fast" in found
-
-
-def test_what_lies_outside_is_cut_off() -> None:
-    """A quarter of one of three cells, and one of four parcels; the octree takes the rest."""
-    edge = 8e-3
-    lower = [[0.0, 0.0, 0.0], [-0.034, 0.0, 0.0], [0.0, 0.0, 0.032]]  # the last touches the cube
-    points = droplets([[0, 0, 0], [0.03, 0, 0], [0, 0, -0.03], [0.04, 0, 0]])
-    cut, lost = within(CUBE, (points, [gas(lower, edge)]))
-    assert lost == pytest.approx((0.25 + 1) / 3)  # of the gas, which is more than 1/4
-    placed, (cells,) = cut
-    assert placed is not None and len(placed.position_m) == 3
-    assert len(cells.lower_m) == 2 and cells.lower_m[1, 0] == pytest.approx(-0.032)
-    with pytest.raises(MediumError):
-        build_octrees(CUBE, [(points, [gas(lower, edge)])], optical_depth_split=1e-5, device=None)
-    tree = build_octrees(CUBE, [cut], optical_depth_split=1e-5, device=None)[0]
-    assert tree.integral("vapour_absorption") == pytest.approx(1.75 * edge**3)
-    assert tree.integral("droplet_scattering") == pytest.approx(9.0)
-    whole = (droplets([[0, 0, 0]]), [gas(lower[:1], edge)])
-    same, none = within(CUBE, whole)
-    assert none == 0.0 and np.array_equal(same[1][0].upper_m, whole[1][0].upper_m)
+    spec = LagrangianSpray(box={"spacing_m": spacing_m})
+    found = coarser_gas(prepared(here, fails), spec, 2)
+    assert isinstance(found, str) and why in found
 
 
 def test_too_much_outside_is_no_answer() -> None:
     """One part in a thousand of the gas is what may be lost."""
-    beside = gas([[0.04, 0.0, 0.0]], 2e-3)
-    for absorption, known in ((500.0, False), (1100.0, True)):
-        inside = gas([[0.0, 0.0, 0.0]], 2e-3, absorption)
-        sources: Sources = (None, [_both(inside, beside)])
+    low = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0]])
+    none = np.zeros(2)
+    for inside, known in ((500.0, False), (1100.0, True)):
+        absorption = np.array([inside, 1.0])
+        gas = CellSource(low, low + 2e-3, absorption, 2 * absorption, none, none, none)
+        sources: Sources = (None, [gas])
         found = coarser_gas(prepared(vapour(), lambda _, s=sources: s), LagrangianSpray(), 2)
         assert isinstance(found, str) != known
         assert known or "0.2 % of the spray" in found
-
-
-def _both(one: CellSource, other: CellSource) -> CellSource:
-    return CellSource(
-        *(
-            np.concatenate([getattr(each, name) for each in (one, other)])
-            for name in CellSource.__dataclass_fields__
-        )
-    )
 
 
 @pytest.mark.parametrize(
     ("steps_K", "factor"),
     [
         ((4.0, 8.0, 12.0), 1.0),  # 4 C h and 8 C h, all of one sign: Richardson's, order 1
-        ((6.0, 10.0, 16.0), 1.5),  # all of one sign, slower: 6 / 10 of the displacement each
         ((5.0, 50.0**0.5, 75.0**0.5), 1.0),  # fronts, order 1: half the displacement, 0.71 the RMS
         ((6.0, 60.0**0.5, 96.0**0.5), 1.5**0.5),  # fronts, slower: 0.6 of the displacement
         ((4.0, 8.0, 80.0**0.5), 0.6**0.5),  # fronts: no higher order than 1.4 is relied on
         ((4.0, 8.0, 4.0), 0.6**0.5),  # of opposite sign: as unrelated
-        ((3.0, 12.0, 15.0), 0.6),  # of one sign
         ((15.2, 17.7, 32.9), "steps are 18 and 15 K"),  # hardly smaller on smaller cells
         ((None, 8.0, 12.0), "unknown"),
-        ((0.0, 0.0, 0.0), "unknown"),
     ],
 )
 def test_the_steps_that_are_left_are_summed(
@@ -187,7 +132,7 @@ def test_the_steps_that_are_left_are_summed(
         assert isinstance(found, str) and factor in found
 
 
-@pytest.mark.parametrize(("order", "width"), [(1.0, 0), (0.7, 0), (1.0, 2000), (0.7, 2000)])
+@pytest.mark.parametrize(("order", "width"), [(1.0, 0), (0.7, 2000)])
 def test_the_error_of_a_displaced_front(order: float, width: int) -> None:
     """An edge, and a slope wider than its displacements, displaced by 512 (h / h0)^order of 8192
     pixels: the estimate from three grids is the difference from the edge in its place. To 2 % the
@@ -217,45 +162,29 @@ def test_the_error_of_the_heads(heads_mm: tuple[float, ...], error_mm: float) ->
     assert head_error_m([1e-3 * one for one in heads_mm]) == pytest.approx(1e-3 * error_mm)
 
 
-@dataclass
-class Tracer:
-    """Images are numbers here, and their differences are plain."""
-
-    prepared: Any
-    images_K: dict[str, float | Exception]
-
-    def variant(self, name: str, make: Any, cell_m: float) -> float:
-        assert cell_m == 1e-3 and not isinstance(make(), str)
-        found = self.images_K[name]
-        if isinstance(found, Exception):
-            raise found
-        return found
-
-    def level(self, cell_m: float) -> float:
-        assert cell_m == 1e-3  # the image's own cells
-        return 500.0
-
-    def difference(self, one: float, other: float) -> tuple[ImageDifference, ImageDifference]:
-        return difference(abs(one - other)), difference(abs(one - other) / 2)
-
-
 SPRAY: Any = (("sources",), 0.052)  # and the vapour's penetration
 TWICE, FOUR = "gas on cells twice as large", "gas on cells four times as large"
 
 
+def own_cells(cell_m: float) -> float:
+    """The image on its own cells: larger ones would blur those of the gas."""
+    assert cell_m == 1e-3
+    return 0.0
+
+
 def errors_of(
-    gas: Any, once_K: float | Exception = 509.0, *, more: Any = "too few", twice_K: float = 527.0
+    gas: Any, once_K: float | Exception = 9.0, *, more: Any = "too few", twice_K: float = 27.0
 ) -> Errors:
-    prepared = SimpleNamespace(
-        cone=None,
+    tracer: Any = NumberTracer(
+        own_cells,
+        {TWICE: once_K, FOUR: twice_K},
+        scene=scene(),
         spec=scene().spray,
         made=SimpleNamespace(parcels=None),
         spray=SimpleNamespace(vapour=gas, notes={"vapour_penetration_m": 0.05}),
         variant=lambda name, _: {TWICE: gas, FOUR: more}[name],
     )
-    tracer: Any = Tracer(prepared, {TWICE: once_K, FOUR: twice_K})
-    at = Measurement(scene(), tracer, Stages(None), cell_m=1e-3, coarse_m=2e-3)
-    estimates = GAS_GRID.estimate(at)
+    estimates = GAS_GRID.of(tracer)
     heads = {name: error for one in estimates for name, error in one.figures.items()}
     known = not isinstance(gas, str | None) and not isinstance(once_K, Exception)
     assert heads == ({"vapour_penetration_m": pytest.approx(2e-3)} if known else {})
@@ -277,23 +206,19 @@ def test_the_error_is_stated() -> None:
 
 
 def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
-    """509 and 545 K on cells twice and four times as large: 9 and 36 K are of order 2, so 3 K."""
+    """Differences of 9 and 36 K between the three images are of order 2, so 3 K are left."""
 
     def stated(gas: Vapour) -> Errors:
-        made = SimpleNamespace(vapour=gas, parcels=None)
-        case = Spray(vapour=gas)
-        prepared = SimpleNamespace(
-            cone=None, spec=None, made=made, spray=case, sources_of=lambda one: one
-        )
         averaged = "gas averaged over cells {} as large"
-        images: Any = {averaged.format("twice"): 509.0, averaged.format("four times"): 545.0}
-        of: Any = SimpleNamespace(spray=None)
-        tracer: Any = Tracer(prepared, images)
-        at = Measurement(of, tracer, Stages(None), cell_m=1e-3, coarse_m=2e-3)
-        before = [one.cause for one in GAS_GRID.predict(at)]  # on the same cells
-        errors = Errors.of(one.cause for one in GAS_GRID.estimate(at))
-        assert list(errors.causes) == before
-        return errors
+        tracer: Any = NumberTracer(
+            own_cells,
+            {averaged.format("twice"): 9.0, averaged.format("four times"): 45.0},
+            spec=None,
+            made=SimpleNamespace(vapour=gas, parcels=None),
+            spray=Spray(vapour=gas),
+            sources_of=lambda spray: spray,
+        )
+        return Errors.of(one.cause for one in GAS_GRID.of(tracer))
 
     cause, order = stated(vapour()).causes
     assert cause.error_K == pytest.approx(3.0) and "order 2" in cause.how
@@ -305,7 +230,7 @@ def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
     assert cause.error_K is None and "no lattice" in cause.how
 
 
-@pytest.mark.parametrize(("more", "twice_K"), [("too few", 0.0), (SPRAY, 518.0)])
+@pytest.mark.parametrize(("more", "twice_K"), [("too few", 0.0), (SPRAY, 18.0)])
 def test_without_an_order_the_step_is_a_lower_bound(more: Any, twice_K: float) -> None:
     """No third grid, and equal steps."""
     errors = errors_of(SPRAY, more=more, twice_K=twice_K)
@@ -342,18 +267,15 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
     assert [stage.name for stage in stages.done] == ["spray", "optics"]
     traced: list[Sources] = []
 
-    def variant(_: str, made: Any, __: int) -> float:
-        traced.append(made())
-        return 1.0
+    class Tracer(NumberTracer):
+        def variant(self, _: str, made: Any, __: float) -> float:
+            traced.append(made())
+            return 1.0
 
-    tracer: Any = SimpleNamespace(
-        prepared=prepared,
-        variant=variant,
-        level=lambda _: 0.0,
-        difference=lambda *_: (difference(1),) * 2,
-    )
+    tracer: Any = Tracer(own_cells, scene=scene())
+    tracer.prepared = prepared
     for _ in range(2):
-        GAS_GRID.estimate(Measurement(scene(), tracer, stages, cell_m=1e-3, coarse_m=2e-3))
+        GAS_GRID.estimate(tracer)
     assert asked == [(H, tmp_path), (2 * H, tmp_path), (4 * H, tmp_path)]
     named = [stage.name for stage in stages.done]
     more = [f"spray on cells of gas {how} as large" for how in ("twice", "four times")]

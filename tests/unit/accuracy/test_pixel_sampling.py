@@ -123,21 +123,6 @@ def test_noise_is_no_error() -> None:
     assert error_K is not None and error_K**2 < 4 * 0.07
 
 
-def test_pixels_at_edges_are_drawn() -> None:
-    """Of an edge through even light, all pixels beside it are of the sample, and few others."""
-    kelvin = np.full((2, COUNT, COUNT), 300.0)
-    kelvin[0, :, 20:] = 310.0
-    kelvin[1, :, 40:] = 310.0  # emissivity has its edge elsewhere
-    kelvin[:, 0] = np.nan
-    contrast = contrasts(kelvin)
-    beside = np.any(contrast > 0, axis=0)
-    assert np.count_nonzero(beside) == 4 * (COUNT - 1)
-    sample = important(contrast.reshape(2, -1) ** 2, tuning=Tuning(subpixels=300), seed=1)
-    assert set(np.flatnonzero(beside)) <= set(sample.pixels)
-    assert not set(range(COUNT)) & set(sample.pixels)
-    assert len(sample.pixels) == pytest.approx(300, abs=1)
-
-
 def test_nothing_to_see_is_unknown() -> None:
     scene = scene_of(1)
     temperature = kelvin(scene)

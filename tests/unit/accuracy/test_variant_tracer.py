@@ -27,11 +27,11 @@ def tracer_of(
     *, node: Any = 0, key: Any = "alike", every: int = 1, asked_K: float = 1.0
 ) -> VariantTracer:
     cube = Frame((0.0, 0.0, 0.0), edge_m=0.2, depth=0)
-    prepared: Any = SimpleNamespace(on_lattice=True, node=node, cube=cube)
+    scene = load_scene("gdi-cone").with_(**{"camera.rays_per_pixel": 1, **PIXELS})
+    prepared: Any = SimpleNamespace(on_lattice=True, node=node, cube=cube, scene=scene)
     settings: Any = SimpleNamespace(accuracy_K=asked_K, visible=0.05)
     levels: Any = {}
-    scene = load_scene("gdi-cone").with_(**{"camera.rays_per_pixel": 1})
-    return VariantTracer(scene, NOTHING, settings, prepared, every, NOTHING, levels=levels, key=key)
+    return VariantTracer(prepared, settings, every, NOTHING, levels=levels, key=key)
 
 
 def test_other_lattices_serve_in_the_same_light() -> None:
@@ -71,7 +71,7 @@ def test_cells_of_a_lattice_have_any_edge() -> None:
 def test_every_third_pixel_stands_for_its_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
     """The middle of each block of 3 x 3: its images are those of fewer pixels, and a map of their
     difference is of the whole image. The RMS of a smooth difference is that of all pixels."""
-    tracer: Any = replace(tracer_of(every=3), scene=load_scene("gdi-cone").with_(**PIXELS))
+    tracer: Any = tracer_of(every=3)
     y, x = np.mgrid[:60, :90] / 30.0
     true_K = 3.0 * np.sin(x) * np.cos(y)
     image = ImagePair(Weights(*(true_K.astype(np.float32),) * 4))
@@ -92,7 +92,7 @@ def test_at_most_90_000_pixels_are_traced(pixels: int, every: int, device: Devic
     scene = load_scene("gdi-cone").with_(**{"camera.pixels": [pixels, pixels]})
     cube = Frame((-0.1, -0.1, -0.1), edge_m=0.2, depth=3)
     node = Quadrature.grey(scene_filter(scene), reference_K=400.0).nodes[0]
-    prepared: Any = SimpleNamespace(cube=cube, device=device, node=node)
-    tracer = VariantTracer.of(scene, device, settings_for(scene), prepared)
+    prepared: Any = SimpleNamespace(scene=scene, cube=cube, device=device, node=node)
+    tracer = VariantTracer.of(prepared, settings_for(scene))
     assert tracer.stride == every
     assert tracer.temperature.sees_background.size <= 90_000

@@ -19,6 +19,7 @@ from cldit.medium.resolution import (
     in_whole_cells,
     needed_edge_m,
     on_grid,
+    within,
 )
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells
@@ -263,3 +264,24 @@ def test_nothing_and_what_cannot_be() -> None:
         needed_edge_m(CUBE, (droplets(np.zeros((1, 3))), []))
     with pytest.raises(MediumError, match="allowed: 100"):
         next(candidates(CUBE, (None, [grid]), None, limit=100))
+
+
+def test_what_lies_outside_is_cut_off() -> None:
+    """A quarter of one of three cells, and one of four parcels; the octree takes the rest."""
+    edge_m = 8e-3
+    cube = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
+    # The last one touches the cube from outside.
+    lower = np.array([[0.0, 0.0, 0.0], [-0.034, 0.0, 0.0], [0.0, 0.0, 0.032]])
+    gas = source(lower, lower + edge_m, np.ones(3), albedo=0.0)
+    points = droplets(np.array([[0, 0, 0], [0.03, 0, 0], [0, 0, -0.03], [0.04, 0, 0]]))
+    (parcels, (cells,)), lost = within(cube, (points, [gas]))
+    assert lost == pytest.approx((0.25 + 1) / 3)  # of the gas, which is more than 1/4
+    assert parcels is not None and len(parcels.position_m) == 3
+    assert len(cells.lower_m) == 2 and cells.lower_m[1, 0] == pytest.approx(-0.032)
+    with pytest.raises(MediumError):
+        tree_of(cube, (points, [gas]))
+    assert tree_of(cube, (None, [cells])).integral("droplet_absorption") == pytest.approx(
+        1.75 * edge_m**3
+    )
+    (_, (same,)), none = within(cube, (None, [source(lower[:1], lower[:1] + edge_m, np.ones(1))]))
+    assert none == 0.0 and np.array_equal(same.upper_m, lower[:1] + edge_m)

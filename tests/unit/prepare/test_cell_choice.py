@@ -90,7 +90,6 @@ def test_smaller_memory_holds_fewer_cells(device: Device) -> None:
     ("domain", "said"),
     [
         ({"rule": "coarse"}, "domain.rule: 'coarse'"),
-        ({"leaf_edge_m": 1e-5}, "leaf_edge_m: 1e-05 is finer than edge_m / 4096"),
         ({"edge_m": 4.0, "rule": "paper"}, "leaf_edge_m: 0.0005 (rule: paper) is finer than"),
         ({"leaf_edge_m": float("nan")}, "leaf_edge_m: nan is outside"),
     ],

@@ -22,7 +22,7 @@ def test_each_wavelength_shows_the_pixels_of_the_filter(device: Device, tmp_path
         **{"camera.pixels": [60, 60], "spray.box.spacing_m": 2e-3, "optics.wavelengths": 4}
     )
     prepared = prepare(scene, device, Stages(print), tmp_path)
-    each, filtered = previewed(scene, device, prepared)
+    each, filtered = previewed(prepared)
     before = np.all(each < 1.0, axis=0)  # the background
     each, filtered = each[:, before], filtered[before]
     count = int(np.count_nonzero(filtered > VISIBLE_EMISSIVITY))
@@ -30,11 +30,11 @@ def test_each_wavelength_shows_the_pixels_of_the_filter(device: Device, tmp_path
     chosen = prepared.properties.chosen
     light = [float(one.share(chosen.quadrature.reference_K)) for one in chosen.nodes]
     assert np.argmax(light * each.mean(axis=1)) == prepared.number  # not that of most light
-    least = visible_emissivities(scene, device, prepared)
+    least = visible_emissivities(prepared)
     counts = [np.count_nonzero(one > bound) for one, bound in zip(each, least, strict=True)]
     assert counts == pytest.approx([count] * 4, abs=1)
     grey = prepare(scene.with_(**{"optics.wavelengths": 1}), device, Stages(print), tmp_path)
-    assert visible_emissivities(scene, device, grey) == (VISIBLE_EMISSIVITY,)
+    assert visible_emissivities(grey) == (VISIBLE_EMISSIVITY,)
 
 
 def test_values_that_as_many_exceed() -> None:

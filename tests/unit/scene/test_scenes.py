@@ -337,7 +337,7 @@ def test_the_spray_fills_the_frame(
     gdi-extinction has the camera of gdi, with which it is compared; its droplets fill less.
     """
     scene = chosen_scene(name, pixels=64).with_(**{"optics.wavelengths": 1, **coarse})
-    emissivity = previewed(scene, device, prepare(scene, device, Stages(None), tables))[1]
+    emissivity = previewed(prepare(scene, device, Stages(None), tables))[1]
     visible = emissivity > VISIBLE_EMISSIVITY
     assert np.mean(visible) >= 0.3
     assert not visible[[0, -1]].any() and not visible[:, [0, -1]].any()

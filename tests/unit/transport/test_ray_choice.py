@@ -11,8 +11,9 @@ from scipy.ndimage import maximum_filter
 
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.ray_choice import MOST_ACROSS, allocated, as_shared, evaluated
+from cldit.transport.ray_choice import MOST_ACROSS, allocated, as_shared, contrasts, evaluated
 from cldit.transport.sobol import net
+from cldit.transport.subpixels import important
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import dilated
 
@@ -98,6 +99,7 @@ def test_squares_about_pixels_are_those_of_a_filter(pixels: int) -> None:
 
 
 MANY = 400
+EDGE = 60  # of an image, in pixels
 
 
 @pytest.fixture
@@ -201,3 +203,18 @@ def test_what_noise_makes_of_the_doubt(importance: np.ndarray) -> None:
     every = PixelSample(drawn.pixels, np.ones(len(error)))
     assert every.by_noise(error, 1.1 * error) == pytest.approx(1.0)  # none of it
     assert every.by_noise(error, error) == 0.0
+
+
+def test_pixels_at_edges_are_drawn() -> None:
+    """Of an edge through even light, all pixels beside it are of the sample, and few others."""
+    kelvin = np.full((2, EDGE, EDGE), 300.0)
+    kelvin[0, :, 20:] = 310.0
+    kelvin[1, :, 40:] = 310.0  # emissivity has its edge elsewhere
+    kelvin[:, 0] = np.nan
+    contrast = contrasts(kelvin)
+    beside = np.any(contrast > 0, axis=0)
+    assert np.count_nonzero(beside) == 4 * (EDGE - 1)
+    sample = important(contrast.reshape(2, -1) ** 2, tuning=Tuning(subpixels=300), seed=1)
+    assert set(np.flatnonzero(beside)) <= set(sample.pixels)
+    assert not set(range(EDGE)) & set(sample.pixels)
+    assert len(sample.pixels) == pytest.approx(300, abs=1)
