@@ -119,7 +119,7 @@ def _side_by_side(
     problems."""
     problems: dict[T, str] = {}
     start = time.perf_counter()
-    with client_of(scheduler, min(workers or len(tasks), len(tasks)), workers) as client:
+    with client_of(scheduler, len(tasks), workers) as client:
         futures = {
             client.submit(_traced, *task, cache, pure=False): at for at, task in tasks.items()
         }

@@ -134,14 +134,13 @@ def run_sweep(
         failed: list[tuple[int, str]] = []
         start, come = time.perf_counter(), 0
         if groups:
-            with client_of(scheduler, min(workers or len(groups), len(groups)), workers) as client:
+            with client_of(scheduler, len(groups), workers) as client:
                 for finished in _results(client, list(groups.values()), cache):
                     failed += _written(out, finished)
                     come += len(finished)
-                    remaining = len(points) - len(stored) - come
-                    rate = (time.perf_counter() - start) / come
+                    rate, ready = (time.perf_counter() - start) / come, len(stored) + come
                     if watch is not None:
-                        watch(Progress(len(stored) + come, len(points), remaining * rate))
+                        watch(Progress(ready, len(points), (len(points) - ready) * rate))
         return SweepRecord(
             folder=out,
             scenes=len(points),
@@ -302,7 +301,7 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
                     warn(f"--scheduler {scheduler}: it has no worker yet; the sweep waits for one")
                 yield client
             return
-        count, threads = local_workers(groups)
+        count, threads = local_workers(min(workers or groups, groups))
         count = workers or count
         # One thread for each worker; the libraries in it share the remaining cores.
         with (

@@ -12,6 +12,7 @@ from cldit.optics.liquid import liquid
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import edges_um, scene_filter
 from cldit.run import Run, reevaluated
+from cldit.scene import Scene
 from cldit.scene.sizes import Monodisperse
 from cldit.scene.spray import LagrangianSpray
 from cldit.show.figures.maps import frame_of
@@ -114,10 +115,11 @@ def sizes(lab: Lab) -> Results:
     )
 
 
-def pairs(fuel_K: float) -> dict[str, tuple[float, float, float]]:
+def pairs(scene: Scene) -> dict[str, tuple[float, float, float]]:
     """Wavelength / um, n and k of four places of n-heptane's band."""
-    wavelength = np.linspace(*edges_um(PAPER.filter_um), 801)
-    n, k = liquid("n-heptane").index(wavelength, fuel_K)
+    assert isinstance(scene.spray, LagrangianSpray)
+    wavelength = np.linspace(*edges_um(scene_filter(scene)), 801)
+    n, k = liquid("n-heptane").index(wavelength, scene.spray.fuel_temperature_K)
     like = np.abs(k / PAPER.k - 1.0) < 0.1
     places = {
         "lowest k": int(np.argmin(k)),
@@ -133,8 +135,7 @@ def pairs(fuel_K: float) -> dict[str, tuple[float, float, float]]:
 def index(lab: Lab) -> Results:
     """One spray with five refractive indices at one wavelength."""
     reference = lab.run(lab.gdi("gdi", _WALLS))
-    assert isinstance(reference.scene.spray, LagrangianSpray)
-    indices = pairs(reference.scene.spray.fuel_temperature_K)
+    indices = pairs(reference.scene)
     runs = {
         name: lab.run(
             lab.gdi(
