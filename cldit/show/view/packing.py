@@ -8,7 +8,6 @@ mostly zeros, which compress well.
 
 import zlib
 from base64 import b64encode
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,20 +23,6 @@ _WHOLE_BITS = 23  # of float32
 _NAN = 0x7FC00000
 
 
-@dataclass(frozen=True)
-class Packed:
-    """An array as text. dtype: numpy's name of what the text holds. count: numbers in it."""
-
-    dtype: str
-    count: int
-    text: str
-
-    @property
-    def head(self) -> dict[str, Any]:
-        """Data that the page needs to read the text."""
-        return {"dtype": self.dtype, "count": self.count}
-
-
 def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
     """Numbers (...,) with a mantissa of `bits`, 0 to 23, rounded to the nearest; NaN stays."""
     plain = np.asarray(values, np.float32)
@@ -51,9 +36,10 @@ def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
     return np.asarray(kept, np.uint32).view(np.float32)
 
 
-def packed(values: NDArray[Any]) -> Packed:
-    """Packs an array (...,) row by row: float32 by differences, other types unchanged.
+def packed(values: NDArray[Any]) -> tuple[dict[str, Any], str]:
+    """Head and text of an array (...,), row by row: float32 by differences, other types unchanged.
 
+    The head has what the page needs to read the text: the numpy type, and the count of numbers.
     Raises TypeError for types other than float32, float64, uint8 and uint16.
     """
     if values.dtype.name not in ("float32", "float64", "uint8", "uint16"):
@@ -67,4 +53,4 @@ def packed(values: NDArray[Any]) -> Packed:
         folded = (step << 1) ^ (step >> 31)  # small for either sign
         data = np.ascontiguousarray(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T).tobytes()
     encoded = b64encode(zlib.compress(data, 6)).decode("ascii")
-    return Packed(values.dtype.name, flat.size, encoded)
+    return {"dtype": values.dtype.name, "count": flat.size}, encoded
