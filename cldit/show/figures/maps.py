@@ -1,6 +1,6 @@
 """Figures of maps, weights, shares, camera images and errors, with axes in mm."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +43,19 @@ def frame_of(scene: Scene, *, sensor: bool = False) -> Frame:
 def spray_window(maps: Maps, frame: Frame) -> Window:
     """Part of the maps (H, W) with the spray, see `window_around`."""
     return window_around(np.where(maps.reason == Reason.OK, maps.emissivity, 0.0), frame)
+
+
+def spray_figure(
+    panels: Sequence[Panel],
+    maps: Maps,
+    frame: Frame,
+    *,
+    title: str,
+    legend: Sequence[tuple[Any, str]] = (),
+) -> Figure:
+    """Figure of panels, cropped to the spray of the maps (H, W)."""
+    window = spray_window(maps, frame)
+    return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
 
 def map_panel(

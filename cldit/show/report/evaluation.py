@@ -15,9 +15,9 @@ from cldit.errors import RunFolderError
 from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
 from cldit.show.figures.colours import ERROR
-from cldit.show.figures.maps import errors_panels, map_figure, spray_window
-from cldit.show.figures.panels import Frame, Panel, panels_figure
-from cldit.show.figures.style import SCREEN_DPI, png_of
+from cldit.show.figures.maps import errors_panels, map_figure, spray_figure
+from cldit.show.figures.panels import Frame, Panel
+from cldit.show.figures.style import SCREEN_DPI
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE = "report.html"
@@ -158,10 +158,10 @@ def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -
          f"error. A map of each part is in {maps.name}/{PARTS}."),
         (single, "T_app by cause", "Change of the apparent temperature by each cause alone."),
     ]  # fmt: skip
-    window = spray_window(Maps.load(maps), frame)
+    shown = Maps.load(maps)
     return [
-        Figure(png_of(panels_figure(panels, frame, title=f"{title}: {subject}", window=window),
-                      dpi=SCREEN_DPI), caption)
+        Figure.of(spray_figure(panels, shown, frame, title=f"{title}: {subject}"), caption,
+                  dpi=SCREEN_DPI)
         for panels, subject, caption in drawn
         if panels
     ]  # fmt: skip
@@ -178,16 +178,10 @@ def pixels_section(maps: Maps) -> Section:
 def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
     """Writes the page of an evaluation beside its maps and returns the page's path."""
     drawn = Maps.load(maps)
-    panels, window = errors_panels(drawn), spray_window(drawn, frame)
+    errors = spray_figure(errors_panels(drawn), drawn, frame, title=f"{title}: standard errors")
     figures = [
-        Figure(
-            png_of(map_figure(drawn, frame, title=title)),
-            "Apparent temperature and emissivity.",
-        ),
-        Figure(
-            png_of(panels_figure(panels, frame, title=f"{title}: standard errors", window=window)),
-            "Standard errors, including what the witnesses found.",
-        ),
+        Figure.of(map_figure(drawn, frame, title=title), "Apparent temperature and emissivity."),
+        Figure.of(errors, "Standard errors, including what the witnesses found."),
     ]
     content = [
         Section("Emissivity and apparent temperature", figures),

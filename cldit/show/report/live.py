@@ -16,7 +16,7 @@ from cldit.acquisition.progress import Approach, left_text
 from cldit.acquisition.quality import Exposure, exposure
 from cldit.acquisition.watch import Reading, Seen
 from cldit.show.figures.colours import COUNTS, robust_limits
-from cldit.show.figures.style import SCREEN_DPI, WIDTH_IN, figure_of, png_of, styled
+from cldit.show.figures.style import SCREEN_DPI, WIDTH_IN, figure_of, finish, png_of, styled
 from cldit.show.page import Block, Figure, Html, Page
 
 _SATURATED = "#00c8ff"  # a colour that the map does not have
@@ -205,9 +205,7 @@ def _draw_readings(
     times_min = [reading.time_s / 60.0 for reading in present]
     close.plot(times_min, np.clip(away_K, -most_K, most_K), color="C0")
     for axes, label in ((trend, "temperature / K"), (close, "distance from the set point / K")):
-        axes.set(xlabel="minutes since this session began", ylabel=label)
-        axes.grid()
-        axes.legend()
+        finish(axes, "minutes since this session began", label, legend=True)
 
 
 def _thinned(readings: Sequence[Reading]) -> list[Reading]:

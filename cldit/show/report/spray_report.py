@@ -15,7 +15,7 @@ from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import MASS
 from cldit.show.figures.panels import Frame, Panel, panels_figure
-from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled, write_figure
+from cldit.show.figures.style import WIDTH_IN, curves_of, finish, styled, write_figure
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
@@ -156,8 +156,7 @@ def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
 @styled
 def history_figure(history: History, *, title: str) -> Figure:
     """Figure of penetration, droplet size, masses and coldest gas against time."""
-    figure = figure_of(WIDTH_IN, 4.8)
-    figure.suptitle(plain(title))
+    figure, grid = curves_of(WIDTH_IN, 4.8, title=title, rows=2, columns=2)
     panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
         (
             "penetration / mm",
@@ -178,12 +177,10 @@ def history_figure(history: History, *, title: str) -> Figure:
         ),
         ("coldest gas / K", ((history.coldest_K, ""),)),
     )
-    for axes, (label, lines) in zip(figure.subplots(2, 2).flat, panels, strict=True):
+    for axes, (label, lines) in zip(grid.flat, panels, strict=True):
         for values, name in lines:
             axes.plot(1e3 * history.time_s, values, label=name or None)
-        axes.set_xlabel("time after start of injection / ms")
-        axes.set_ylabel(label)
-        axes.grid()
+        finish(axes, "time after start of injection / ms", label)
         axes.set_xlim(left=0)
         if len(lines) > 1:
             axes.set_ylim(bottom=0)
