@@ -19,7 +19,7 @@ from cldit.spray.result import Spray
 # Injector of `gdi`, in the conditions of the paper's Figs. 9 to 13, open for
 # 1.5 ms: the paper's spray still hangs on it at 0.95 ms. The field is the part of the paper's 16 cm
 # with spray, at its 0.16 mm per pixel.
-_OPEN_s = 1.5e-3
+OPEN_s = 1.5e-3
 _CAMERA = {
     "camera.field_m": [0.1, 0.1],
     "camera.pixels": [625, 625],
@@ -114,7 +114,7 @@ class Lab:
             "spray.droplets_per_parcel": _PARCELS,
             "spray.seed": self.seed,
             "walls.temperature_K": GASES_K[0.6][1],
-            **open_for(_OPEN_s),
+            **open_for(OPEN_s),
             **_COMPARED,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}

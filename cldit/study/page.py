@@ -27,7 +27,7 @@ _OVERVIEW = ("study", "the paper's", "size", "took / s", "against the paper")
 
 
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "undecided"
-_SURE = 2.0  # standard errors between a value and a limit
+SURE = 2.0  # standard errors between a value and a limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class Verdict:
             return OPEN
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
-        doubt = _SURE * self.error
+        doubt = SURE * self.error
         if low <= self.value - doubt and self.value + doubt <= high:
             return AGREES
         return DISAGREES if self.value + doubt < low or self.value - doubt > high else OPEN

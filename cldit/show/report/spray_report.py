@@ -28,6 +28,7 @@ _PIXEL_M = 5e-4  # of the figure
 _SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
 _AXES = {"side": (0, 2), "below": (0, 1)}
 _NAMES = "xyz"
+_NOTHING = np.empty((0, 3)), np.empty(0)  # places and masses
 
 
 @dataclass(frozen=True)
@@ -58,24 +59,24 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
 
     The sum over the pixels is exact.
     """
-    if (parcels := spray.parcels) is None:
-        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
-    place, mass = parcels.position_m, parcels.masses_kg
-    if isinstance(parcels.extent, Box):
-        half = parcels.extent.edge_m / 2
-        filled = _filled(place - half, place + half, mass, view, pixel_m)
-        return _project(*filled, extent(spray), view, pixel_m, 0.0)
-    return _project(place, mass, extent(spray), view, pixel_m, _SMOOTHING)
+    points, smoothing = _NOTHING, 0.0
+    if (parcels := spray.parcels) is not None:
+        points, smoothing = (parcels.position_m, parcels.masses_kg), _SMOOTHING
+        if isinstance(parcels.extent, Box):
+            half = parcels.extent.edge_m / 2
+            corners = parcels.position_m - half, parcels.position_m + half
+            points, smoothing = _filled(*corners, parcels.masses_kg, view, pixel_m), 0.0
+    return _project(*points, extent(spray), view, pixel_m, smoothing)
 
 
 def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
     """Mass of the fuel vapour along the line of sight."""
-    if (vapour := spray.vapour) is None:
-        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
-    mass = vapour.number_density_m3 * vapour.cells.volume_m3
-    mass = mass * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL
-    filled = _filled(vapour.cells.lower_m, vapour.cells.upper_m, mass, view, pixel_m)
-    return _project(*filled, extent(spray), view, pixel_m, 0.0)
+    points = _NOTHING
+    if (vapour := spray.vapour) is not None:
+        mass = vapour.number_density_m3 * vapour.cells.volume_m3
+        mass = mass * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL
+        points = _filled(vapour.cells.lower_m, vapour.cells.upper_m, mass, view, pixel_m)
+    return _project(*points, extent(spray), view, pixel_m, 0.0)
 
 
 def _filled(

@@ -19,8 +19,8 @@ MANTISSA_BITS = 18
 ERROR_BITS = 10
 """Bits kept of standard errors: a relative error of at most 5e-4."""
 
-_WHOLE_BITS = 23  # of float32
-_NAN = 0x7FC00000
+_WHOLE_BITS = np.finfo(np.float32).nmant
+_NAN = np.array(np.nan, np.float32).view(np.uint32)
 
 
 def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
@@ -32,7 +32,7 @@ def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
     word = np.ascontiguousarray(plain).view(np.uint32)
     half = np.uint32(1 << (drop - 1))
     kept = (word + half) & np.uint32(0xFFFFFFFF << drop & 0xFFFFFFFF)
-    kept = np.where(np.isnan(plain), np.uint32(_NAN), kept)
+    kept = np.where(np.isnan(plain), _NAN, kept)
     return np.asarray(kept, np.uint32).view(np.float32)
 
 

@@ -29,7 +29,7 @@ from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
 from cldit.study.lab import Lab, ambient, in_gas
 from cldit.study.measures import mean_K, root, spray_of, visible
-from cldit.study.page import Row
+from cldit.study.page import SURE, Row
 from cldit.study.paper.results import Results
 
 _LARGE_M = 0.49e-3
@@ -210,7 +210,6 @@ _CAMERA = {
     "camera.sensor.integration_time_s": 25e-6,
 }
 _OPAQUE = 0.3
-_SIGMAS = 2.0
 
 
 def _radiance(run: Run) -> NDArray[np.float64]:
@@ -235,7 +234,7 @@ def camera(lab: Lab) -> Results:
     opaque = visible(run) & (run.maps.emissivity > _OPAQUE)
     core = float(np.mean(traced[root(run) & opaque])) if (root(run) & opaque).any() else np.nan
     rim = float(np.percentile(traced[opaque], 99.0)) if opaque.any() else np.nan
-    hidden = opaque & (np.abs(traced - background_counts) < _SIGMAS * noise)
+    hidden = opaque & (np.abs(traced - background_counts) < SURE * noise)
     count, invisible_K = float(np.count_nonzero(hidden)), mean_K(run, hidden)
     return Results(
         values={

@@ -19,10 +19,11 @@ from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.vapour import vapour_band
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
+from cldit.scene.spray import LagrangianSpray
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.panels import Frame
 from cldit.study.figures import changes_sheet, maps_sheet
-from cldit.study.lab import GASES_K, Lab, gdi_in, in_gas, open_for
+from cldit.study.lab import GASES_K, Lab, OPEN_s, gdi_in, in_gas, open_for
 from cldit.study.measures import (
     Change,
     droplets_K,
@@ -40,7 +41,6 @@ from cldit.study.paper.results import Results
 _NAN = float("nan")
 _JET_TIMES_MS = (0.5, 0.7, 0.9)  # after the injector's energisation; the paper names 0.9
 _OPENING_MS = 0.3  # assumed, from energisation to the first fuel, as of solenoid injectors
-_JET_GAS_K = 520.0
 _AXIS_M = 2e-3
 _FAR_M = 0.08
 
@@ -75,6 +75,8 @@ def methane(lab: Lab) -> Results:
             }
         )
     latest = rows[-1]
+    assert isinstance(run.scene.spray, LagrangianSpray)
+    gas_K = run.scene.spray.ambient.temperature_K
     emissivity = run.maps.emissivity[spray_of(run).z_m < -_FAR_M]
     largest = max(float(row["largest emissivity"]) for row in rows)
     return Results(
@@ -87,7 +89,7 @@ def methane(lab: Lab) -> Results:
             "nozzle_K": latest["T_app at the nozzle / K"],
             "far_K": latest["T_app furthest downstream / K"],
             "far_mm": latest["seen down to / mm"],
-            "core_K": float(latest["T_app at the nozzle / K"]) - _JET_GAS_K,
+            "core_K": float(latest["T_app at the nozzle / K"]) - gas_K,
             "warming": float(spearmanr(depth, warm).statistic) if len(depth) > 2 else _NAN,
         },
         table=rows,
@@ -114,7 +116,8 @@ def open_vapour(folder: Path) -> Path:
     """
     band = vapour_band("n-heptane")
     low, high = band.wavenumber_per_cm
-    number = np.arange(2000.0, 5000.1, 5.0)
+    lowest, highest = (1e4 / wavelength_um for wavelength_um in _OPEN_UM[::-1])
+    number = np.arange(lowest, highest + 0.1, 5.0)
     inside = (number >= low) & (number <= high)
     table = []
     for row_K in (200.0, *(float(row) for row in band.rows_K)):
@@ -164,7 +167,7 @@ def conditions(lab: Lab) -> Results:
     contrast = [mean_K(run, root(run)) - mean_K(run, tips(run)) for run in wide.values()]
     deviations_K = [abs(mean_K(run, visible(run)) - 300.0) for run in wide.values()]
     noise = [float(row["median standard error / K"]) for row in rows[-2:]]
-    dry = vapour_only(at[0.6])
+    gas_K, dry = GASES_K[0.6][0], vapour_only(at[0.6])
     seen_K = at[0.6].maps.apparent_temperature_K[dry]
     return Results(
         values={
@@ -180,8 +183,8 @@ def conditions(lab: Lab) -> Results:
                 spray_of(at[higher_MPa]).reach_m / spray_of(at[lower_MPa]).reach_m
                 for lower_MPa, higher_MPa in pairwise(at)
             ),
-            "dry_change_K": mean_K(at[0.6], dry) - 570.0,
-            "near": 100.0 * float(np.mean(np.abs(seen_K - 570.0) < 20.0)) if seen_K.size else _NAN,
+            "dry_change_K": mean_K(at[0.6], dry) - gas_K,
+            "near": 100.0 * float(np.mean(np.abs(seen_K - gas_K) < 20.0)) if seen_K.size else _NAN,
         },
         table=rows,
         sheets={
@@ -194,7 +197,7 @@ def conditions(lab: Lab) -> Results:
 _TIMES_MS = (0.3, 0.95, 1.5)
 _ORDERS = (0, 1, 2, 3)
 # The paper does not give the duration: open to the end, and the ECN's Spray G, closed at 0.78 ms.
-_DURATIONS_MS = (1.5, 0.78)
+_DURATIONS_MS = (1e3 * OPEN_s, 0.78)
 # Droplets that scatter straight ahead only absorb.
 _AHEAD = {"transport.phase": 0.999}
 

@@ -217,27 +217,24 @@ function wire() {
   $("frames").hidden = $("beside").hidden = HEADS.length < 2;
   $("frame").max = HEADS.length - 1;
   const on = (id, kind, act) => $(id).addEventListener(kind, act);
+  const renew = () => {
+    showControls();
+    redraw();
+  };
   for (const name of ["quantity", "colours", "diverging"]) {
     on(name, "change", () => {
       state[name] = $(name).value;
-      showControls();
-      redraw();
+      renew();
     });
   }
   on("frame", "input", () => {
     state.one = $("frame").valueAsNumber;
     $("frame").setAttribute("aria-valuetext", HEADS[state.one].name);
-    loaded(state.one).then(() => {
-      showControls();
-      redraw();
-    }).catch(problem);
+    loaded(state.one).then(renew).catch(problem);
   });
   on("other", "change", () => {
     state.other = $("other").value === "" ? null : Number($("other").value);
-    loaded(state.other ?? state.one).then(() => {
-      showControls();
-      redraw();
-    }).catch(problem);
+    loaded(state.other ?? state.one).then(renew).catch(problem);
   });
   for (const [n, id] of ["low", "high"].entries()) {
     on(id, "change", () => {
