@@ -294,13 +294,8 @@ def _html_cell(tag: str, cell: Cell, number: bool) -> str:
 
 
 def _length(cell: Cell) -> int:
-    match cell:
-        case Bar():
-            return 0
-        case Link(text):
-            return len(text)
-        case _:
-            return len(cell)
+    label = cell.label if isinstance(cell, Link) else cell
+    return len(label) if isinstance(label, str) else 0
 
 
 def markdown_of(content: Sequence[Block]) -> str:

@@ -13,7 +13,7 @@ from cldit.dit.design import Design, Goal
 from cldit.dit.profile import Profile
 from cldit.run import Run
 from cldit.show.figures.onto import draw_profile
-from cldit.show.figures.style import WIDTH_IN, curves_of, finish, plain, styled
+from cldit.show.figures.style import WIDTH_IN, curves_of, finish, plain, plain_ticks, styled
 from cldit.spray.droplet.follow import Life
 
 
@@ -134,9 +134,7 @@ def design_figure(
         ha="right",
         color="0.35",
     )
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(lambda value, _: "")
+    plain_ticks(axes)
     axes.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50])
     lowest = min(float(errors.min()) for _, _, errors in lines)
     highest = max(float(errors.max()) for _, _, errors in lines)

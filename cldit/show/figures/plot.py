@@ -3,6 +3,7 @@
 import warnings
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -77,9 +78,9 @@ def plot(
         options["vmin"], options["vmax"] = options.pop("range_K")
     kinds = _OF_RUN if isinstance(of, Run) else _OF_EVALUATION
     if isinstance(of, Spray):
-        kinds = {"maps": _spray}
+        kinds = {"maps": partial(views_figure, title="spray")}
     if isinstance(of, Profile):
-        kinds = {"profile": lambda profile: profile_figure(profile, title="profile")}
+        kinds = {"profile": partial(profile_figure, title="profile")}
     if what not in kinds:
         raise EvaluationError(f"plot: {what!r}; allowed: {', '.join(kinds)}")
     return kinds[what](of, **options) if ax is None else _onto(ax, of, what, **options)
@@ -119,10 +120,6 @@ def _maps(of: "Run | xarray.Dataset", kind: str = "maps", **options: Any) -> Fig
     return map_figure(maps, frame, **{"title": title, **options})
 
 
-def _acquired(run: Run, **options: Any) -> Figure:
-    return _maps(run, "acquired", **options)
-
-
 def _summary(run: Run) -> Figure:
     """One camera frame, and from all of them T_app, emissivity and the error of T_app."""
     maps, frame, _ = _seen(run, "acquired")
@@ -149,29 +146,25 @@ def _errors(of: "Run | xarray.Dataset") -> Figure:
 
 
 def _weights(run: Run) -> Figure:
-    maps, frame, title = _seen(run)
-    panels = weights_panels(run.weights)
-    return spray_figure(panels, maps, frame, title=f"{title}: weights of the trace")
+    title = f"{run.scene.name}: weights of the trace"
+    return spray_figure(weights_panels(run.weights), run.maps, frame_of(run.scene), title=title)
 
 
 def _budget(of: "Run | xarray.Dataset") -> Figure:
     if isinstance(of, Run):
-        title, subject, hint = of.scene.name, "error of T_app, RMS", _NO_ERROR
+        title, subject = of.scene.name, "error of T_app, RMS"
+        hint = "states no error; set transport.audit: true in its scene"
         kelvin = {cause.name: cause.error_K for cause in of.errors.causes} if of.errors else {}
         total_K = of.errors.total_K if of.errors else None
     else:
-        *_, title = _seen(of)
-        subject, hint = "budget of T_app, median pixel", _NO_BUDGET
+        title, subject = _seen(of)[2], "budget of T_app, median pixel"
+        hint = "has no budget (setup.uncertainty states it)"
         budget = parse_json(str(of.attrs.get("evaluation", "{}"))).get("budget") or {}
         kelvin = {name: part["apparent_temperature_K"] for name, part in budget.items()}
         total_K = kelvin.pop("total", None)
     if not kelvin:
         raise EvaluationError(f"{title}: {hint}")
     return budget_figure(kelvin, title=f"{title}: {subject}", total_K=total_K)
-
-
-_NO_ERROR = "states no error; set transport.audit: true in its scene"
-_NO_BUDGET = "has no budget (setup.uncertainty states it)"
 
 
 def _spectrum(run: Run) -> Figure:
@@ -190,10 +183,6 @@ def _profile_of(of: "Run | xarray.Dataset", **options: Any) -> Profile:
     return profile_of(maps, **{**geometry, **options})
 
 
-def _spray(spray: Spray, *, title: str = "spray") -> Figure:
-    return views_figure(spray, title=title)
-
-
 _OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
     "maps": _maps,
     "errors": _errors,
@@ -202,7 +191,7 @@ _OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
 }
 _OF_RUN: Mapping[str, Callable[..., Figure]] = {
     "maps": _maps,
-    "acquired": _acquired,
+    "acquired": partial(_maps, kind="acquired"),
     "summary": _summary,
     "errors": _errors,
     "weights": _weights,

@@ -23,6 +23,7 @@ from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_
 PAGE = "report.html"
 STORED = "evaluation.json"
 _SEEN_K = 1e-6  # smaller changes are rounding: the part cancels in the equation
+_IMPROBABLE = "{:.2g} % of the pixels have a fit_probability below 0.001; chance gives 0.1 %."
 _TOTALS = {
     "apparent_temperature_systematic_error_K": ("systematic error of apparent temperature", "K"),
     "apparent_temperature_total_error_K": ("total error of apparent temperature", "K"),
@@ -79,6 +80,7 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
 
 def _witnesses(stored: Mapping[str, Any]) -> list[Block]:
     witnesses = stored.get("witnesses", [])
+    share = stored.get("improbable_share")
     in_kelvin = [witness for witness in witnesses if witness.get("setpoints")]
     rest = [row for row in witnesses if not row.get("setpoints") and not row["stands_out"]]
     table = _by_background(
@@ -100,7 +102,7 @@ def _witnesses(stored: Mapping[str, Any]) -> list[Block]:
         "Each witness in kelvin of the black body, with its noise:" if table.rows else "",
         table,
         *(witness["text"] for witness in rest),
-        _improbable(stored),
+        "" if share is None else _IMPROBABLE.format(100.0 * share),
         *stored["remarks"],
     ]
 
@@ -119,16 +121,6 @@ def _by_background(title: str, rows: Sequence[tuple[Any, ...]], *, last_title: s
     columns = [f"{kelvin:g} K" for kelvin in rows[0][1]]
     titles = [title, *columns, *([last_title] if last_title else [])]
     return Table(titles, [[name, *cells, *last_cells] for name, _, cells, *last_cells in rows])
-
-
-def _improbable(stored: Mapping[str, Any]) -> str:
-    share = stored.get("improbable_share")
-    if share is None:
-        return ""
-    return (
-        f"{100.0 * share:.2g} % of the pixels have a fit_probability below 0.001; chance gives "
-        "0.1 %."
-    )
 
 
 def _budget(parts: Mapping[str, Any]) -> Table:
