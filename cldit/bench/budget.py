@@ -271,5 +271,5 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
     plain_ticks(axes)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     finish(axes, "core seconds of the whole run", "RMS error of apparent temperature / K",
-           both=True)  # fmt: skip
+           minor=True)  # fmt: skip
     return figure

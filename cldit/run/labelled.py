@@ -127,7 +127,7 @@ def labelled_maps(
 
 def image_axes(
     shape: tuple[int, ...], *, pixel_m: tuple[float, float], centre_m: tuple[float, float]
-) -> dict[str, tuple[str, NDArray[np.float64], Mapping[str, str]]]:
+) -> dict[str, tuple[str, NDArray[np.floating], Mapping[str, str]]]:
     """Coordinates x and z (downwards) of images (H, W) for xarray, in mm."""
     height, width = shape
     middle_x, middle_z = (1e3 * length_m for length_m in centre_m)

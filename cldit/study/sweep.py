@@ -13,7 +13,7 @@ import os
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -127,10 +127,7 @@ def run_sweep(
     with exclusive(out, "sweep"):
         open_folder(out, points[0].scene, grid)
         stored = done(out)
-        groups: dict[str, list[Point]] = defaultdict(list)
-        for point in points:
-            if point.number not in stored:
-                groups[trace_key(point.scene)].append(point)
+        groups = _by_trace(point for point in points if point.number not in stored)
         failed: list[tuple[int, str]] = []
         start, come = time.perf_counter(), 0
         if groups:
@@ -149,6 +146,13 @@ def run_sweep(
             seconds=time.perf_counter() - start,
             failed=tuple(sorted(failed)),
         )
+
+
+def _by_trace(points: Iterable[Point]) -> dict[str, list[Point]]:
+    groups: dict[str, list[Point]] = defaultdict(list)
+    for point in points:
+        groups[trace_key(point.scene)].append(point)
+    return groups
 
 
 def _written(folder: Path, finished: Finished) -> list[tuple[int, str]]:

@@ -96,7 +96,7 @@ def nodes_figure(errors_K: Sequence[float], *, chosen: int, title: str) -> Figur
     axes.semilogy(numbers, shown, "o-", color="C0")
     axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    finish(axes, "number of wavelengths", "RMS error of apparent temperature / K", both=True,
+    finish(axes, "number of wavelengths", "RMS error of apparent temperature / K", minor=True,
            legend=True)  # fmt: skip
     return figure
 
@@ -144,7 +144,7 @@ def design_figure(
     shortest = min(float(time_s[0]) for _, time_s, _ in lines) / 60.0
     axes.set_xlim(0.9 * shortest, 1.1 * longest)
     label = f"standard error of T_app / K, {100 * goal.quantile:g} % quantile"
-    finish(axes, "time / min", label, both=True, legend=True)
+    finish(axes, "time / min", label, minor=True, legend=True)
     return figure
 
 

@@ -123,10 +123,10 @@ def curves_of(
     return figure, axes
 
 
-def finish(axes: Axes, x: str, y: str, *, both: bool = False, legend: bool = False) -> None:
-    """Labels of the axes, lines at the ticks, at the minor ones too with `both`, and a legend."""
+def finish(axes: Axes, x: str, y: str, *, minor: bool = False, legend: bool = False) -> None:
+    """Labels of the axes, lines at the ticks, at the minor ones too with `minor`, and a legend."""
     axes.set(xlabel=x, ylabel=y)
-    axes.grid(which="both" if both else "major")
+    axes.grid(which="both" if minor else "major")
     if legend:
         axes.legend()
 

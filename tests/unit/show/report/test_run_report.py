@@ -12,7 +12,7 @@ import pytest
 
 from cldit.radiance.weights import Weights
 from cldit.run import open_run
-from cldit.show.figures.maps import Shares
+from cldit.show.figures.maps import shares_of_light
 from cldit.show.report.run_report import write_run_report
 
 RUN = Path(__file__).parents[3] / "data" / "run-0.1.0"
@@ -63,5 +63,5 @@ def test_a_share_that_is_nowhere_visible_has_no_panel() -> None:
     ones = np.ones((2, 3), np.float32)
     weights = Weights(0.0 * ones, 0.0 * ones, ones, 0.01 * ones)
     bare = Weights(ones, 0.0 * ones, 0.0 * ones, 0.0 * ones)
-    shares = Shares.of(weights, bare, background=1.0, wall=1.0)
-    assert [panel.title for panel in shares.panels()] == ["share of vapour in the signal"]
+    panels, _ = shares_of_light(weights, bare, background=1.0, wall=1.0, patches={})
+    assert [panel.title for panel in panels] == ["share of vapour in the signal"]
