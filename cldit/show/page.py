@@ -120,10 +120,6 @@ class Table:
         """Table of names and values, without titles."""
         return cls((), list(values.items()), numbers=())
 
-    def markdown(self) -> str:
-        """Table in Markdown."""
-        return markdown_of([self])
-
 
 @dataclass(frozen=True)
 class Bullets:
