@@ -14,13 +14,14 @@ from cldit.accuracy.sources.gas_grid import GAS_GRID
 from cldit.bench import ASKED_K, BUDGET_SCENES
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError, Say, changed, clocked
-from cldit.bench.report import Part, Table, number
+from cldit.bench.report import Part, number
 from cldit.gpu.device import Device
 from cldit.io.origin import commit
 from cldit.io.plain_data import read_json
 from cldit.run import Run, simulate
 from cldit.scene import Scene
-from cldit.show.figures.style import figure_of, plain_ticks, styled
+from cldit.show.figures.style import figure_of, finish, plain_ticks, styled
+from cldit.show.page import Table
 
 _HEAD = ("scene", "asked, K", "stated, K", "true, K", "stated / true", "held by", "core-s")
 _TABS = ("blue", "orange", "green", "red", "purple", "brown", "olive")
@@ -205,7 +206,7 @@ def budget_part(
     return Part(
         name="budget",
         title="Error of T_app against time of the run",
-        tables=(Table.of(_HEAD, [_line(*alike) for alike in _alike(rows)]),),
+        tables=(Table(_HEAD, [_line(*alike) for alike in _alike(rows)]),),
         data={"pixels": pixels, "rows": [asdict(row) for row in rows]},
         text=tuple(paragraphs),
         figure=budget_figure(one_seed),
@@ -253,8 +254,7 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
     """Figure of true and stated errors against the cost of a run, by scene."""
     figure = figure_of(5.0, 3.6)
     axes: Any = figure.subplots()
-    axes.set(xscale="log", yscale="log", xlabel="core seconds of the whole run",
-             ylabel="RMS error of apparent temperature / K")  # fmt: skip
+    axes.set(xscale="log", yscale="log")
     tolerances_K = sorted({row.asked_K for row in rows}, reverse=True)
     marker = {kelvin: "osD^v"[at % 5] for at, kelvin in enumerate(tolerances_K)}
     for row in rows:
@@ -270,5 +270,6 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
     axes.plot([], [], "x", color="0.4", label="stated")
     plain_ticks(axes)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    axes.grid(which="both")
+    finish(axes, "core seconds of the whole run", "RMS error of apparent temperature / K",
+           minor=True)  # fmt: skip
     return figure

@@ -2,7 +2,6 @@
 
 import json
 import platform
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -14,24 +13,7 @@ from cldit.gpu.device import Device
 from cldit.io.files import make_folder, write_text
 from cldit.io.origin import commit
 from cldit.show import page
-from cldit.show.figures.style import png_of, write_figure
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text below a head."""
-
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    @classmethod
-    def of(cls, head: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
-        """Table of any sequences."""
-        return cls(tuple(head), tuple(tuple(row) for row in rows))
-
-    def markdown(self) -> str:
-        """Table in Markdown."""
-        return page.markdown_of([page.Table(self.head, self.rows)])
+from cldit.show.figures.style import write_figure
 
 
 @dataclass(frozen=True)
@@ -41,7 +23,7 @@ class Part:
 
     name: str
     title: str
-    tables: tuple[Table, ...]
+    tables: tuple[page.Table, ...]
     data: Any
     text: tuple[str, ...] = ()
     figure: Figure | None = None
@@ -59,12 +41,11 @@ def write_part(
     write_text(folder / f"{part.name}.json", json.dumps(part.data, indent=1) + "\n")
     content: list[page.Block] = [page.Code(command), measured_on(device)]
     if part.figure is not None:
-        png = png_of(part.figure)
         if suffix is not None:
             write_figure(part.figure, folder / f"{part.name}{suffix}")
-        content.append(page.Figure(png, part.alternative, f"{part.name}.png"))
-    content += [page.Table(table.head, table.rows) for table in part.tables]
-    content += part.text
+        file = f"{part.name}.png"
+        content.append(page.Figure.of(part.figure, part.alternative, file=file))
+    content += [*part.tables, *part.text]
     return page.write_page(page.Page(part.title, content), folder / f"{part.name}.md")
 
 

@@ -86,7 +86,7 @@ def bench(
     )
     OUT.print(part.title, style="bold")
     for table in part.tables:
-        print_table(*table.head, rows=table.rows)
+        print_table(*table.titles, rows=[[str(cell) for cell in row] for row in table.rows])
     for paragraph in part.text:
         OUT.print(escaped(paragraph), style="dim")
     save(part)

@@ -112,12 +112,7 @@ def labelled_maps(
         Variables named like the maps' files, dimensions z (downwards) and x in mm.
     """
     xr = xarray_module()
-    height, width = maps.emissivity.shape
-    middle_x, middle_z = (1e3 * length_m for length_m in centre_m)
-    across, up = (1e3 * length_m for length_m in pixel_m)
-    x = middle_x + (np.arange(width) - (width - 1) / 2) * across
-    z = middle_z - (np.arange(height) - (height - 1) / 2) * up
-    coords = {name: (name, places, AXES[name]) for name, places in (("x", x), ("z", z))}
+    coords = image_axes(maps.emissivity.shape, pixel_m=pixel_m, centre_m=centre_m)
     error_names = [name for name in extra_variables or {} if "error" in name]
     variables: dict[str, Any] = {
         name: (("z", "x"), getattr(maps, name), _attributes(name, error_names)) for name in UNITS
@@ -128,6 +123,18 @@ def labelled_maps(
         variables[name] = (("z", "x"), image, {"units": unit, "long_name": about})
     attributes = {"Conventions": "CF-1.11", "title": f"cldit: {title}", **(attrs or {})}
     return xr.Dataset(variables, coords, attributes)  # type: ignore[no-any-return]
+
+
+def image_axes(
+    shape: tuple[int, ...], *, pixel_m: tuple[float, float], centre_m: tuple[float, float]
+) -> dict[str, tuple[str, NDArray[np.floating], Mapping[str, str]]]:
+    """Coordinates x and z (downwards) of images (H, W) for xarray, in mm."""
+    height, width = shape
+    middle_x, middle_z = (1e3 * length_m for length_m in centre_m)
+    across, up = (1e3 * length_m for length_m in pixel_m)
+    x = middle_x + (np.arange(width) - (width - 1) / 2) * across
+    z = middle_z - (np.arange(height) - (height - 1) / 2) * up
+    return {name: (name, places, AXES[name]) for name, places in (("x", x), ("z", z))}
 
 
 def _attributes(name: str, error_names: Sequence[str]) -> Mapping[str, Any]:

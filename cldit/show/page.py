@@ -17,7 +17,7 @@ from string import Template
 from matplotlib.figure import Figure as Drawn
 
 from cldit.io.files import make_folder, read_text, write_bytes, write_text
-from cldit.show.figures.style import png_of
+from cldit.show.figures.style import DPI, png_of
 
 _WIDE_IN = 5.5  # from which labels would be too small on a phone
 _PX_PER_IN = 145  # a figure for two columns of a journal fills a page
@@ -63,9 +63,9 @@ class Figure:
     drawn: Drawn | None = None
 
     @classmethod
-    def of(cls, drawn: Drawn, caption: str) -> "Figure":
+    def of(cls, drawn: Drawn, caption: str, *, dpi: int = DPI, file: str = "") -> "Figure":
         """The image of a drawn figure."""
-        return cls(png_of(drawn), caption, drawn=drawn)
+        return cls(png_of(drawn, dpi=dpi), caption, file, drawn)
 
     @property
     def width_in(self) -> float:
@@ -133,7 +133,6 @@ class Code:
     """Lines of code or commands."""
 
     source: str
-    language: str = "sh"
 
 
 @dataclass(frozen=True)
@@ -291,13 +290,8 @@ def _html_cell(tag: str, cell: Cell, number: bool) -> str:
 
 
 def _length(cell: Cell) -> int:
-    match cell:
-        case Bar():
-            return 0
-        case Link(text):
-            return len(text)
-        case _:
-            return len(cell)
+    label = cell.label if isinstance(cell, Link) else cell
+    return len(label) if isinstance(label, str) else 0
 
 
 def markdown_of(content: Sequence[Block]) -> str:
@@ -320,8 +314,8 @@ def _markdown(part: Block) -> str:
             return _markdown_table(titles or [""] * len(rows[0]), rows) if rows else ""
         case Bullets(lines):
             return "\n".join(f"- {line}" for line in lines)
-        case Code(text, language):
-            return f"```{language}\n{text}\n```" if text else ""
+        case Code(text):
+            return f"```sh\n{text}\n```" if text else ""
         case Html():
             return ""
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.dit.maps import UNITS
 from cldit.errors import StudyError
 from cldit.io.content import digest
 from cldit.io.exclusive import LOCK, is_empty
@@ -24,7 +24,7 @@ from cldit.io.extras import needed
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.plain_data import read_json
 from cldit.run import Run
-from cldit.run.labelled import AXES
+from cldit.run.labelled import image_axes
 from cldit.scene import Scene
 from cldit.study.grid import Grid, Point
 
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     import xarray
 
 _STORE = "study.zarr"
-_MAPS = {
-    "emissivity": "1",
-    "emissivity_standard_error": "1",
-    "apparent_temperature_K": "K",
-    "apparent_temperature_standard_error_K": "K",
-}
+_MAPS = (
+    "emissivity",
+    "emissivity_standard_error",
+    "apparent_temperature_K",
+    "apparent_temperature_standard_error_K",
+)
 _FIGURES = {"liquid_mass_kg": "kg", "vapour_mass_kg": "kg", "error_K": "K", "error_at_least": "1"}
 _LONG = {
     "error_K": "RMS error of T_app, all sources, as the trace of the scene states it",
@@ -51,68 +51,55 @@ def extra(name: str) -> Any:
     return needed(name, extra="studies", needed_by="a sweep", error=StudyError)
 
 
-@dataclass(frozen=True)
-class Result:
-    """Maps (H, W) and numbers of one scene of a sweep, NaN if undefined."""
-
-    maps: Mapping[str, NDArray[np.float32]]
-    figures: Mapping[str, float]
-
-    @classmethod
-    def of(cls, run: Run) -> Result:
-        """Part of a run that a data set contains."""
-        figures = {name: run.info.spray.get(name, float("nan")) for name in _FIGURES}
-        if run.errors is not None and run.errors.total_K is not None:
-            figures["error_K"] = run.errors.total_K
-            figures["error_at_least"] = float(bool(run.errors.unknown))
-        return cls({name: getattr(run.maps, name) for name in _MAPS}, figures)
+def results_of(run: Run) -> dict[str, NDArray[np.float32] | float]:
+    """Maps (H, W) and numbers of a run that a data set contains; NaN if undefined."""
+    results: dict[str, NDArray[np.float32] | float] = {
+        name: getattr(run.maps, name) for name in _MAPS
+    }
+    results |= {name: run.info.spray.get(name, float("nan")) for name in _FIGURES}
+    if run.errors is not None and run.errors.total_K is not None:
+        results["error_K"] = run.errors.total_K
+        results["error_at_least"] = float(bool(run.errors.unknown))
+    return results
 
 
-@dataclass(frozen=True)
-class SweepFolder:
-    """Folder of the results of a sweep."""
-
-    path: Path
-    grid: Grid
-
-    def done(self) -> set[int]:
-        """Numbers of the scenes in the store."""
-        points = self.path / "points"
-        return {int(mark.stem) for mark in points.glob("*.json")} if points.is_dir() else set()
-
-    def write(self, point: Point, result: Result, *, worker: str, seconds: float) -> None:
-        """Writes the result of a scene into the store, and then its mark."""
-        zarr = extra("zarr")
-        with written(self.path / _STORE):
-            store = zarr.open_group(self.path / _STORE, mode="r+")
-            for name, image in result.maps.items():
-                store[name][point.place] = image
-            for name, value in {**result.figures, "seconds": seconds}.items():
-                store[name][point.place] = value
-        mark = self.path / "points" / f"{point.number}.json"
-        content = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
-        write_text(mark, content)
+def done(folder: Path) -> set[int]:
+    """Numbers of the scenes in the store of a sweep."""
+    return {int(mark.stem) for mark in (folder / "points").glob("*.json")}
 
 
-def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
-    """Makes the folder of a sweep, or finds it again."""
+def write(
+    folder: Path,
+    point: Point,
+    results: Mapping[str, NDArray[np.float32] | float],
+    *,
+    worker: str,
+    seconds: float,
+) -> None:
+    """Writes the results of a scene into the store, and then its mark."""
+    with written(folder / _STORE):
+        store = extra("zarr").open_group(folder / _STORE, mode="r+")
+        for name, value in {**results, "seconds": seconds}.items():
+            store[name][point.place] = value
+    content = json.dumps({"scene": point.scene.name, "worker": worker, "seconds": seconds})
+    write_text(folder / "points" / f"{point.number}.json", content)
+
+
+def open_folder(path: Path, base: Scene, grid: Grid) -> None:
+    """Makes the folder of a sweep, or checks that it has this one."""
     axes = [[axis.name, axis.key, list(axis.values)] for axis in grid.axes]
     about = {"format": _FORMAT, "axes": axes, "scene": digest(base.model_dump(mode="json"))}
     record = path / "study.json"
-    folder = SweepFolder(path, grid)
-    if record.is_file():
-        if read_json(record, error=StudyError) != about:
-            raise StudyError(
-                f"{path}: has the sweep of another grid or scene, or of another version; give "
-                "another folder with --out"
-            )
-        _make_store(path, base, grid)
-        return folder
-    check_folder(path)
-    make_folder(path)
-    write_text(record, json.dumps(about, indent=1))  # first: it says what the folder is
+    if not record.is_file():
+        check_folder(path)
+        make_folder(path)
+        write_text(record, json.dumps(about, indent=1))  # first: it says what the folder is
+    elif read_json(record, error=StudyError) != about:
+        raise StudyError(
+            f"{path}: has the sweep of another grid or scene, or of another version; give "
+            "another folder with --out"
+        )
     _make_store(path, base, grid)
-    return folder
 
 
 def check_folder(path: Path) -> None:
@@ -139,26 +126,22 @@ def _template(base: Scene, grid: Grid) -> xarray.Dataset:
     """Data set of NaN, with labels and units."""
     xr, da = extra("xarray"), extra("dask.array")
     width, height = base.camera.pixels
-    across, up = (
-        1e3 * size / count
-        for size, count in zip(base.camera.field_m, base.camera.pixels, strict=True)
-    )
-    x, _, z = (1e3 * coordinate_m for coordinate_m in base.target_m)
     names = [axis.name for axis in grid.axes]
     coords: dict[str, Any] = {
         axis.name: (axis.name, _labels(axis.values), {"units": axis.unit, "scene_key": axis.key})
         for axis in grid.axes
     }
-    coords["x"] = ("x", x + (np.arange(width) - (width - 1) / 2) * across, AXES["x"])
-    coords["z"] = ("z", z - (np.arange(height) - (height - 1) / 2) * up, AXES["z"])
+    pixel_m = base.camera.field_m[0] / width, base.camera.field_m[1] / height
+    centre_m = base.target_m[0], base.target_m[2]
+    coords |= image_axes((height, width), pixel_m=pixel_m, centre_m=centre_m)
     variables: dict[str, Any] = {}
-    for name, unit in _MAPS.items():
-        shape = (*grid.shape, height, width)
-        chunks = (*(1 for _ in grid.shape), height, width)
+    one_scene = tuple(1 for _ in grid.shape)  # in a chunk
+    for name in _MAPS:
+        shape, chunks = (*grid.shape, height, width), (*one_scene, height, width)
         empty = da.full(shape, np.nan, dtype=np.float32, chunks=chunks)
-        variables[name] = ([*names, "z", "x"], empty, {"units": unit})
+        variables[name] = ([*names, "z", "x"], empty, {"units": UNITS[name]})
     for name, unit in {**_FIGURES, "seconds": "s"}.items():
-        empty = da.full(grid.shape, np.nan, chunks=tuple(1 for _ in grid.shape))
+        empty = da.full(grid.shape, np.nan, chunks=one_scene)
         long = {"long_name": _LONG[name]} if name in _LONG else {}
         variables[name] = (names, empty, {"units": unit, **long})
     attrs = {

@@ -19,14 +19,23 @@ from cldit.spray.result import Spray
 # Injector of `gdi`, in the conditions of the paper's Figs. 9 to 13, open for
 # 1.5 ms: the paper's spray still hangs on it at 0.95 ms. The field is the part of the paper's 16 cm
 # with spray, at its 0.16 mm per pixel.
-_OPEN_s = 1.5e-3
+OPEN_s = 1.5e-3
 _CAMERA = {
     "camera.field_m": [0.1, 0.1],
     "camera.pixels": [625, 625],
     "camera.target_m": [0.0, 0.0, -0.035],
 }
-_WALLS_K = 455.0  # Fig. 9: "115 K lower than the gas temperature"
 CAPTION_WALLS_K = 450.0  # Figs. 11, 12, 13 and 15
+
+# K of gas and walls at MPa. At 0.4 MPa the paper gives the walls (Fig. 6), at 0.6 MPa that they are
+# "115 K lower than the gas temperature" (Fig. 9), which is assumed wherever the gas is hot.
+GASES_K = {
+    0.15: (300.0, 300.0),
+    0.3: (500.0, 385.0),
+    0.4: (530.0, 415.0),
+    0.6: (570.0, 455.0),
+    0.9: (620.0, 505.0),
+}
 
 # Scenes are compared, and share the error of their cells; what is left in a change is found by
 # making the change again on coarser ones (`paper.variation`), not by auditing each trace.
@@ -48,6 +57,24 @@ _QUICK_SPRAY: dict[str, Any] = {
     "spray.box.spacing_m": 2e-3,
     "spray.droplets_per_parcel": 1e4,
 }
+
+
+def in_gas(pressure_MPa: float) -> tuple[str, dict[str, Any]]:
+    """Name of the gas at one of the paper's pressures, and the values of a scene in it."""
+    gas_K, walls_K = GASES_K[pressure_MPa]
+    values = {"spray.ambient": ambient(pressure_MPa, gas_K), "walls.temperature_K": walls_K}
+    return f"{pressure_MPa:g} MPa, {gas_K:g} K", values
+
+
+def ambient(pressure_MPa: float, gas_K: float) -> dict[str, float]:
+    """Gas of a scene."""
+    return {"pressure_Pa": pressure_MPa * 1e6, "temperature_K": gas_K}
+
+
+def gdi_in(pressure_MPa: float) -> str:
+    """Name of the paper's spray in the gas at one of its pressures."""
+    gas_K, _ = GASES_K[pressure_MPa]
+    return "gdi" if pressure_MPa == 0.6 else f"gdi-{pressure_MPa:g}MPa-{gas_K:g}K"
 
 
 def open_for(duration_s: float) -> dict[str, float]:
@@ -86,8 +113,8 @@ class Lab:
             "description": "",
             "spray.droplets_per_parcel": _PARCELS,
             "spray.seed": self.seed,
-            "walls.temperature_K": _WALLS_K,
-            **open_for(_OPEN_s),
+            "walls.temperature_K": GASES_K[0.6][1],
+            **open_for(OPEN_s),
             **_COMPARED,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Mask
+from cldit.arrays import Floats, Image, Mask
 from cldit.comparison.regions import Spray2D
 from cldit.run import Run
 from cldit.spray.result import Spray
 
-_SCATTERED = 0.02  # smallest weight of the walls with droplets
-_ABSORBED = 0.02  # smallest share of a phase in the light of a pixel
+_PRESENT = 0.02  # smallest share of the light of a pixel that makes a phase visible in it
 _SOME = 20  # pixels of a mean, at least
 
 
@@ -38,24 +37,27 @@ def tips(run: Run) -> Mask:
     return spray_of(run).tips()
 
 
-@dataclass(frozen=True)
-class Phases:
-    """Pixels that see droplets and vapour together, or vapour alone."""
+def _scattered(run: Run) -> Image:
+    """Weight (H, W) of the walls that the spray adds: droplets scatter, vapour does not."""
+    wall = run.weights.wall
+    return np.asarray(wall - np.minimum(run.reference.wall, wall))
 
-    mixed: Mask
-    vapour_only: Mask
 
-    @classmethod
-    def of(cls, run: Run) -> Phases:
-        """Phases by the weights: droplets scatter light of the walls, vapour does not."""
-        weights, seen = run.weights, visible(run)
-        bare = np.maximum(run.reference.background, 1e-6)
-        extinct = 1.0 - weights.background / bare
-        scattered = weights.wall - np.minimum(run.reference.wall, weights.wall)
-        emitted = np.maximum(weights.vapour + weights.liquid, 1e-30)
-        dry = (scattered < 1e-3) & (weights.liquid < 1e-3 * emitted) & (extinct > 0)
-        wet = (scattered > _SCATTERED) & (weights.vapour > _ABSORBED * emitted)
-        return cls(mixed=np.asarray(seen & wet), vapour_only=np.asarray(seen & dry))
+def both_phases(run: Run) -> Mask:
+    """Pixels (H, W) of the visible spray with light of droplets and of vapour."""
+    weights = run.weights
+    emitted = np.maximum(weights.vapour + weights.liquid, 1e-30)
+    wet = (_scattered(run) > _PRESENT) & (weights.vapour > _PRESENT * emitted)
+    return np.asarray(visible(run) & wet)
+
+
+def vapour_only(run: Run) -> Mask:
+    """Pixels (H, W) of the visible spray that see vapour and no droplets."""
+    weights = run.weights
+    emitted = np.maximum(weights.vapour + weights.liquid, 1e-30)
+    extinct = 1.0 - weights.background / np.maximum(run.reference.background, 1e-6)
+    dry = (_scattered(run) < 1e-3) & (weights.liquid < 1e-3 * emitted) & (extinct > 0)
+    return np.asarray(visible(run) & dry)
 
 
 def mean_K(run: Run, where: Mask) -> float:

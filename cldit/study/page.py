@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -16,10 +14,11 @@ from cldit.errors import StudyError
 from cldit.io.files import make_folder, write_text
 from cldit.io.origin import commit
 from cldit.io.plain_data import read_json
+from cldit.io.text_tables import csv_text
 from cldit.scene import Scene, dump_scene
 from cldit.show import page as show
 from cldit.show.figures.style import write_figure
-from cldit.show.page import Block, Bullets, Code, Figure, Link, Section, Table
+from cldit.show.page import Block, Code, Figure, Link, Section, Table
 
 Row = Mapping[str, float | str]
 
@@ -28,7 +27,7 @@ _OVERVIEW = ("study", "the paper's", "size", "took / s", "against the paper")
 
 
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "undecided"
-_SURE = 2.0  # standard errors between a value and a limit
+SURE = 2.0  # standard errors between a value and a limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +54,7 @@ class Verdict:
             return OPEN
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
-        doubt = _SURE * self.error
+        doubt = SURE * self.error
         if low <= self.value - doubt and self.value + doubt <= high:
             return AGREES
         return DISAGREES if self.value + doubt < low or self.value - doubt > high else OPEN
@@ -95,24 +94,14 @@ def _measured(value: float, error: float) -> str:
     return f"{value:.{places}f} ± {error:.{places}f}"
 
 
-def summary(verdicts: tuple[Verdict, ...]) -> str:
-    """Sentence with the numbers of statements that agree and that are undecided."""
-    words = [verdict.word for verdict in verdicts]
-    agreed, open_ = words.count(AGREES), words.count(OPEN)
-    if agreed == len(verdicts):
-        return f"All {agreed} statements agree."
-    rest = f", {open_} undecided" if open_ else ""
-    return f"{agreed} of {len(verdicts)} statements agree{rest}."
-
-
 @dataclass(frozen=True, kw_only=True)
 class StudyPage:
     """Results of a study.
 
-    about: its subject, one sentence. command: makes the page. text: one paragraph. findings:
-    sentences. figures: by file name without suffix. table: rows of equal keys, with units in their
-    names; row_errors: standard errors of their numbers; more: further tables by title. seeds: of
-    the sprays whose mean the numbers are.
+    about: its subject, one sentence. figure: of the paper. command: makes the page. text: one
+    paragraph. figures: by file name without suffix. table: rows of equal keys, with units in their
+    names; row_errors: standard errors of their numbers. seeds: of the sprays whose mean the numbers
+    are. quick: reduced pixels and accuracy.
     """
 
     name: str
@@ -121,11 +110,9 @@ class StudyPage:
     figure: str = ""
     command: str = ""
     text: str = ""
-    findings: Sequence[str] = ()
     figures: Mapping[str, Figure]
     table: Sequence[Row]
     row_errors: Sequence[Mapping[str, float]] = ()
-    more: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     quick: bool = False
@@ -135,8 +122,15 @@ class StudyPage:
 
     @property
     def summary(self) -> str:
-        """Sentence about the verdicts."""
-        return summary(self.verdicts) if self.verdicts else "Nothing is claimed."
+        """Sentence with the numbers of statements that agree and that are undecided."""
+        words = [verdict.word for verdict in self.verdicts]
+        agreed, open_ = words.count(AGREES), words.count(OPEN)
+        if not words:
+            return "Nothing is claimed."
+        if agreed == len(words):
+            return f"All {agreed} statements agree."
+        rest = f", {open_} undecided" if open_ else ""
+        return f"{agreed} of {len(words)} statements agree{rest}."
 
     def html(self) -> show.Page:
         """Page as one file."""
@@ -148,10 +142,8 @@ class StudyPage:
         content: list[Block] = [
             self.about,
             Section("", [*self.figures.values(), self.text]),
-            Section("Findings", [Bullets(self.findings)] if self.findings else []),
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
-            Section("Numbers", [_table(self.table, self.row_errors)]),
-            *(Section(title, [_table(rows)]) for title, rows in self.more.items()),
+            Section("Numbers", [self._numbers()]),
             Section("To repeat it", [note, *scenes]),
         ]
         return show.Page(self.title, content)
@@ -183,13 +175,10 @@ class StudyPage:
             *figures,
             self.text,
         ]
-        if self.findings:
-            content.append(Bullets(self.findings))
         if self.verdicts:
             content += [self.summary, self._verdicts()]
         if tables:
-            content.append(Section("", [_table(self.table, self.row_errors)]))
-            content += [Section(title, [_table(rows)]) for title, rows in self.more.items()]
+            content.append(self._numbers())
         return show.Page(self.title, content)
 
     def _verdicts(self) -> Table:
@@ -210,33 +199,28 @@ class StudyPage:
             "seconds": round(self.seconds, 1),
             "summary": self.summary,
             "text": self.text,
-            "findings": list(self.findings),
-            "verdicts": [
+            "verdicts": _plain_rows(
                 {
                     "claim": verdict.claim,
                     "found": verdict.found,
-                    "value": _plain(verdict.value),
+                    "value": verdict.value,
                     "unit": verdict.unit,
                     "low": verdict.low,
                     "high": verdict.high,
-                    "error": _plain(verdict.error),
+                    "error": verdict.error,
                     "verdict": verdict.word,
                 }
                 for verdict in self.verdicts
-            ],
+            ),
             "table": _plain_rows(self.table),
             "table_errors": _plain_rows(self.row_errors),
             "seeds": list(self.seeds),
             "device": self.device,
         }
-        if self.more:
-            data["more"] = {title: _plain_rows(rows) for title, rows in self.more.items()}
         return json.dumps(data, indent=1)
 
     def csv(self) -> str:
         """Rows of the table, each number followed by its error."""
-        stream = io.StringIO()
-        errors = self.row_errors or [{} for _ in self.table]
         rows = [
             {
                 column: cell
@@ -244,39 +228,40 @@ class StudyPage:
                 for column, cell in ((name, value), (f"{name}, error", error.get(name)))
                 if cell is not None
             }
-            for row, error in zip(self.table, errors, strict=True)
+            for row, error in self._rows()
         ]
-        if rows:
-            writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-        return stream.getvalue()
+        names = list(rows[0]) if rows else []
+        return csv_text(names, ([row.get(name, "") for name in names] for row in rows))
 
+    def _numbers(self) -> Table:
+        titles = list(self.table[0]) if self.table else []
+        return Table(titles, [
+            [_cell(value, error.get(name, 0.0)) for name, value in row.items()]
+            for row, error in self._rows()
+        ])  # fmt: skip
 
-def _plain(value: float | str) -> float | str | None:
-    """Value for JSON, which has no NaN."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    def _rows(self) -> Iterator[tuple[Row, Mapping[str, float]]]:
+        """Rows of the table with the errors of their numbers."""
+        return zip(self.table, self.row_errors or [{} for _ in self.table], strict=True)
 
 
 def _plain_rows(
-    rows: Sequence[Row] | Sequence[Mapping[str, float]],
+    rows: Iterable[Mapping[str, float | str | None]],
 ) -> list[dict[str, float | str | None]]:
-    return [{key: _plain(value) for key, value in row.items()} for row in rows]
+    """Rows for JSON, which has no NaN."""
+    return [
+        {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in row.items()
+        }
+        for row in rows
+    ]
 
 
 def _cell(value: float | str, error: float) -> str:
     if isinstance(value, str):
         return value
     return _measured(value, error) if math.isfinite(value) else "–"
-
-
-def _table(rows: Sequence[Row], errors: Sequence[Mapping[str, float]] = ()) -> Table:
-    titles = list(rows[0]) if rows else []
-    cells = []
-    for number, row in enumerate(rows):
-        row_errors = errors[number] if errors else {}
-        cells.append([_cell(value, row_errors.get(name, 0.0)) for name, value in row.items()])
-    return Table(titles, cells)
 
 
 def write_page(

@@ -18,7 +18,6 @@ brightest of these. Where c is unknown, the largest that is possible counts agai
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +27,6 @@ from cldit.camera.curve import Curve
 from cldit.comparison.pixels import together
 from cldit.comparison.shown import Shown
 from cldit.comparison.tested import seen_in_both
-from cldit.dit.budget import Part
 from cldit.errors import EvaluationError
 from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Boundary, Surroundings
@@ -83,47 +81,32 @@ class RadianceData:
         )
         kelvin = data.maps.apparent_temperature_K[where].astype(float)
         emissivity = data.maps.emissivity[where].astype(float)
-        radiance = curve.radiance(kelvin)
-        leaving = boundary.leaving(scene.background.temperatures_K)
         steep = emissivity * curve.slope(kelvin)
-        of_e, of_t = spread[where], square_K2[where]
-        largest_covariance = np.sqrt(of_e * of_t)
-        covariance = np.clip(
-            data.independent_covariance_K[where], -largest_covariance, largest_covariance
+        middle, square_of_y = _independent(
+            curve.radiance(kelvin),
+            boundary.leaving(scene.background.temperatures_K),
+            steep=steep,
+            square_of_e=spread[where],
+            square_of_t=square_K2[where],
+            covariance=data.independent_covariance_K[where],
         )
-        finite = np.isfinite(covariance)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            middle = np.where(finite, radiance + steep * covariance / of_e, leaving.mean())
-        darkest, brightest = leaving.min(), np.maximum(leaving.max(), radiance)
-        middle = np.clip(np.nan_to_num(middle), darkest, brightest)
-        over = radiance - middle
-        square_of_t = steep**2 * of_t
-        mixed = steep * np.where(
-            finite, over * np.nan_to_num(covariance), np.abs(over) * largest_covariance
-        )
-        of_y = np.maximum(square_of_t + over**2 * of_e + 2.0 * mixed, _LEAST * square_of_t)
+        over = curve.radiance(kelvin) - middle
         error_K = simulated.error_map_K
         of_model = np.full(where.shape, simulated.error_K or 0.0) if error_K is None else error_K
-        of_y = of_y + (steep * np.nan_to_num(of_model[where])) ** 2
-
-        def modes(parts: Iterable[Part]) -> list[Floats]:
-            images = []
-            for part in parts:
-                change = np.nan_to_num(part.emissivity[where])
-                images.append(
-                    np.stack([change, steep * np.nan_to_num(part.kelvin[where]) + over * change])
-                )
-            return images
-
-        shared = modes((*data.common, *data.systematic))
+        square_of_y = square_of_y + (steep * np.nan_to_num(of_model[where])) ** 2
+        modes = []
+        for part in (*data.common, *data.systematic):
+            change = np.nan_to_num(part.emissivity[where])
+            change_of_y = steep * np.nan_to_num(part.kelvin[where]) + over * change
+            modes.append(np.stack([change, change_of_y]))
         return cls(
             measured=data,
             where=where,
             curve=curve,
             middle=middle,
             values=np.stack([emissivity, emissivity * over]),
-            error=np.sqrt(np.stack([np.maximum(spread[where], 1e-12), of_y])),
-            modes=np.array(shared).reshape(len(shared), 2, len(kelvin)),
+            error=np.sqrt(np.stack([np.maximum(spread[where], 1e-12), square_of_y])),
+            modes=np.array(modes).reshape(len(modes), 2, len(kelvin)),
         )
 
     def residuals(self, model: Shown) -> Floats:
@@ -142,3 +125,29 @@ class RadianceData:
         b = (self.modes / self.error).reshape(len(self.modes), z.size)
         sizes = np.linalg.solve(np.eye(len(b)) + b @ b.T, b @ z)
         return np.concatenate([z - sizes @ b, sizes])
+
+
+def _independent(
+    radiance: Floats,
+    leaving: Floats,
+    *,
+    steep: Floats,
+    square_of_e: Floats,
+    square_of_t: Floats,
+    covariance: Floats,
+) -> tuple[Floats, Floats]:
+    """x and var(y) (N,) from r, e B', the variances of e and T_app, and their covariance.
+
+    leaving: radiances of the backgrounds, which limit x.
+    """
+    largest = np.sqrt(square_of_e * square_of_t)
+    covariance = np.clip(covariance, -largest, largest)
+    finite = np.isfinite(covariance)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = np.where(finite, radiance + steep * covariance / square_of_e, leaving.mean())
+    darkest, brightest = leaving.min(), np.maximum(leaving.max(), radiance)
+    middle = np.clip(np.nan_to_num(middle), darkest, brightest)
+    over = radiance - middle
+    mixed = steep * np.where(finite, over * np.nan_to_num(covariance), np.abs(over) * largest)
+    of_t = steep**2 * square_of_t
+    return middle, np.maximum(of_t + over**2 * square_of_e + 2.0 * mixed, _LEAST * of_t)

@@ -10,7 +10,6 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeVar
 
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device
@@ -21,8 +20,6 @@ from cldit.run.folder import stored_run
 from cldit.scene import Scene
 from cldit.scene.scatter import member, members_of, nominal
 from cldit.study.sweep import Progress, Watch, as_finished, client_of, worker_device
-
-T = TypeVar("T")
 
 
 def trace_members(
@@ -46,18 +43,13 @@ def trace_members(
     with exclusive(folder, "run"):
         begin(scene, folder)
         simulate(nominal(scene), folder / NOMINAL, device=device, cache=cache, progress=progress)
-        remaining = [
-            number
+        members = {
+            member_folder(folder, number): member(scene, number)
             for number in range(1, members_of(scene) + 1)
-            if stored_run(member_folder(folder, number), member(scene, number)) is None
-        ]
-        if not remaining:
-            return 0
-        problems = _side_by_side(
-            {
-                number: (member(scene, number), member_folder(folder, number), folder / NOMINAL)
-                for number in remaining
-            },
+        }
+        count, problems = _side_by_side(
+            members,
+            like=folder / NOMINAL,
             scheduler=scheduler,
             workers=workers,
             cache=cache,
@@ -65,9 +57,9 @@ def trace_members(
         )
         if problems:
             raise StudyError(
-                "\n".join(f"injection {at}: {problem}" for at, problem in problems.items())
+                "\n".join(f"injection {int(at.name)}: {text}" for at, text in problems.items())
             )
-        return len(remaining)
+        return count
 
 
 def trace_scenes(
@@ -85,51 +77,51 @@ def trace_scenes(
     The first is traced by this process, which keeps tables and the computed spray of all times.
     What fails is left to the caller, who finds it not traced.
     """
-    remaining = {
-        folder.resolve(): scene
-        for folder, scene in scenes.items()
-        if stored_run(folder, scene) is None
-    }
+    remaining = _not_traced({folder.resolve(): scene for folder, scene in scenes.items()})
     traced = len(remaining)
     while remaining:
         folder, scene = remaining.popitem()
         with suppress(ClditError):
             simulate(scene, folder, device=device, cache=cache, progress=progress)
             break
-    if remaining:
-        _side_by_side(
-            {folder: (scene, folder, None) for folder, scene in remaining.items()},
-            scheduler=scheduler,
-            workers=workers,
-            cache=cache,
-            watch=watch,
-        )
+    _side_by_side(
+        remaining, like=None, scheduler=scheduler, workers=workers, cache=cache, watch=watch
+    )
     return traced
 
 
+def _not_traced(scenes: Mapping[Path, Scene]) -> dict[Path, Scene]:
+    return {at: scene for at, scene in scenes.items() if stored_run(at, scene) is None}
+
+
 def _side_by_side(
-    tasks: Mapping[T, tuple[Scene, Path, Path | None]],
+    scenes: Mapping[Path, Scene],
     *,
+    like: Path | None,
     scheduler: str | None,
     workers: int | None,
     cache: Path | None,
     watch: Watch | None,
-) -> dict[T, str]:
-    """Traces each scene into its folder, with the numerics of a run if one is named; returns the
-    problems."""
-    problems: dict[T, str] = {}
+) -> tuple[int, dict[Path, str]]:
+    """Traces scenes into their folders, with the numerics of the run `like` if one is given;
+    returns how many were traced, and the problems by folder."""
+    remaining = _not_traced(scenes)
+    problems: dict[Path, str] = {}
+    if not remaining:
+        return 0, problems
     start = time.perf_counter()
-    with client_of(scheduler, min(workers or len(tasks), len(tasks)), workers) as client:
+    with client_of(scheduler, len(remaining), workers) as client:
         futures = {
-            client.submit(_traced, *task, cache, pure=False): at for at, task in tasks.items()
+            client.submit(_traced, scene, at, like, cache, pure=False): at
+            for at, scene in remaining.items()
         }
         for done, (at, refused, broken) in enumerate(as_finished(client, futures), start=1):
             if problem := refused or broken:
                 problems[at] = problem
             rate = (time.perf_counter() - start) / done
             if watch is not None:
-                watch(Progress(done, len(tasks), rate * len(futures)))
-    return problems
+                watch(Progress(done, len(remaining), rate * len(futures)))
+    return len(remaining), problems
 
 
 def _traced(scene: Scene, folder: Path, like: Path | None, cache: Path | None) -> str:

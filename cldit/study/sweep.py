@@ -13,7 +13,7 @@ import os
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -36,14 +36,21 @@ from cldit.scene import Scene
 from cldit.scene.load import chosen_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Spray
-from cldit.study.dataset import Result, check_folder, extra, open_folder, open_study
+from cldit.study.dataset import (
+    check_folder,
+    done,
+    extra,
+    open_folder,
+    open_study,
+    results_of,
+    write,
+)
 from cldit.study.grid import Grid, Point
 
 if TYPE_CHECKING:
     import xarray
 
 _DEATHS = 10  # workers that may die at one task before it is abandoned
-_ONE_IMAGE = ("pixels", "field_m", "target_m")
 _THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 _NUMPY_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _MOST_WORKERS = 1024  # of a machine
@@ -76,6 +83,8 @@ class SweepRecord:
 
 
 Watch = Callable[[Progress], None]
+# Scenes with their results or a message, worker and seconds.
+Finished = list[tuple[Point, dict[str, Any] | str, str, float]]
 T = TypeVar("T")
 
 
@@ -116,50 +125,62 @@ def run_sweep(
     _check_images(points)
     check_folder(out)
     with exclusive(out, "sweep"):
-        folder = open_folder(out, points[0].scene, grid)
-        done = folder.done()
-        groups: dict[str, list[Point]] = defaultdict(list)
-        for point in points:
-            if point.number not in done:
-                groups[trace_key(point.scene)].append(point)
+        open_folder(out, points[0].scene, grid)
+        stored = done(out)
+        groups = _by_trace(point for point in points if point.number not in stored)
         failed: list[tuple[int, str]] = []
         start, come = time.perf_counter(), 0
         if groups:
-            with client_of(scheduler, min(workers or len(groups), len(groups)), workers) as client:
+            with client_of(scheduler, len(groups), workers) as client:
                 for finished in _results(client, list(groups.values()), cache):
-                    for point, result, worker, seconds in finished:
-                        if isinstance(result, str):
-                            failed.append((point.number, result))
-                        else:
-                            folder.write(point, result, worker=worker, seconds=seconds)
-                        come += 1
-                    remaining = len(points) - len(done) - come
-                    rate = (time.perf_counter() - start) / come
+                    failed += _written(out, finished)
+                    come += len(finished)
+                    rate, ready = (time.perf_counter() - start) / come, len(stored) + come
                     if watch is not None:
-                        watch(Progress(len(done) + come, len(points), remaining * rate))
+                        watch(Progress(ready, len(points), (len(points) - ready) * rate))
         return SweepRecord(
-            folder=folder.path,
+            folder=out,
             scenes=len(points),
-            stored=len(done),
+            stored=len(stored),
             traces=len(groups),
             seconds=time.perf_counter() - start,
             failed=tuple(sorted(failed)),
         )
 
 
-def _check_images(points: Sequence[Point]) -> None:
-    scene_0 = points[0].scene
+def _by_trace(points: Iterable[Point]) -> dict[str, list[Point]]:
+    groups: dict[str, list[Point]] = defaultdict(list)
     for point in points:
-        for key in _ONE_IMAGE:
-            value = getattr(point.scene if key == "target_m" else point.scene.camera, key)
-            if value != getattr(scene_0 if key == "target_m" else scene_0.camera, key):
+        groups[trace_key(point.scene)].append(point)
+    return groups
+
+
+def _written(folder: Path, finished: Finished) -> list[tuple[int, str]]:
+    """Writes the results of scenes; returns numbers and messages of those that failed."""
+    failed = []
+    for point, results, worker, seconds in finished:
+        if isinstance(results, str):
+            failed.append((point.number, results))
+        else:
+            write(folder, point, results, worker=worker, seconds=seconds)
+    return failed
+
+
+def _check_images(points: Sequence[Point]) -> None:
+    """Raises StudyError if the images of the scenes differ in pixels, size or place."""
+
+    def image_of(scene: Scene) -> dict[str, Any]:
+        camera = scene.camera
+        return {"pixels": camera.pixels, "field_m": camera.field_m, "target_m": scene.target_m}
+
+    expected = image_of(points[0].scene)
+    for point in points:
+        for key, value in image_of(point.scene).items():
+            if value != expected[key]:
                 raise StudyError(
                     f"--grid: camera.{key} changes from scene to scene ({value}), and such images "
                     "do not fit into one data set; make a sweep for each"
                 )
-
-
-Finished = list[tuple[Point, Result | str, str, float]]
 
 
 def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iterator[Finished]:
@@ -211,10 +232,10 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
             run = runs.run(
                 point.scene, device=worker_device(), spray=None if spray is None else lambda: spray
             )
-            result: Result | str = Result.of(run)
+            results: dict[str, Any] | str = results_of(run)
         except ClditError as error:
-            result = str(error)
-        finished.append((point, result, worker, time.perf_counter() - start))
+            results = str(error)
+        finished.append((point, results, worker, time.perf_counter() - start))
     return finished
 
 
@@ -284,7 +305,7 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
                     warn(f"--scheduler {scheduler}: it has no worker yet; the sweep waits for one")
                 yield client
             return
-        count, threads = local_workers(groups)
+        count, threads = local_workers(min(workers or groups, groups))
         count = workers or count
         # One thread for each worker; the libraries in it share the remaining cores.
         with (

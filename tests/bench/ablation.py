@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from cldit.bench.case import Say, changed
-from cldit.bench.report import Part, Table, number
+from cldit.bench.report import Part, number
 from cldit.gpu.device import Device
 from cldit.scene import Scene, load_scene, parse_scene
+from cldit.show.page import Table
 from cldit.transport.trace import TraceSettings
 from tests.bench.case import Case, Lattice
 from tests.bench.error import Truth
@@ -144,7 +145,7 @@ def ablation(device: Device, *, cache: Path, say: Say, seeds: int = SEEDS) -> Pa
             case = Case.of(told, device, cache=cache)
             rows += ablate(case, phase=phase, accuracy_K=0.05, seeds=seeds, say=say)
     head = ("scene", "without", "RMS error, K", "core-s", "error^2 x time", "+-", "verdict")
-    table = Table.of(
+    table = Table(
         head,
         [
             (

@@ -9,10 +9,11 @@ from collections.abc import Callable
 import numpy as np
 
 from cldit.bench.case import changed
-from cldit.bench.report import Part, Table, number
+from cldit.bench.report import Part, number
 from cldit.gpu.device import DeviceInfo, list_devices, open_device
 from cldit.run import Run, simulate
 from cldit.scene import Scene, load_scene
+from cldit.show.page import Table
 from tests.bench.page import Given, write_measured
 
 _TRACED = ("scattering", "image", "audit")  # stages
@@ -71,7 +72,7 @@ def measured(given: Given) -> Part:
             stages = {one.name: round(one.seconds, 3) for one in run.info.stages}
             given.say(f"{rows[-1]}\n    {stages}")
     head = ("scene", "device", "wall, s", "of it traced, s", "error", "RMS, K", "largest, K")
-    return Part("devices", "The same scenes on each device", (Table.of(head, rows),), rows)
+    return Part("devices", "The same scenes on each device", (Table(head, rows),), rows)
 
 
 def _options(parser: argparse.ArgumentParser) -> None:

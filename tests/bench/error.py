@@ -14,11 +14,12 @@ from matplotlib.transforms import Bbox
 
 from cldit.arrays import Floats, Mask
 from cldit.bench.case import BenchError, Cost, Say, changed
-from cldit.bench.report import Part, Table, number
+from cldit.bench.report import Part, number
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain_ticks, styled
+from cldit.show.page import Table
 from cldit.transport.trace import TraceSettings
 from tests.bench.case import Case, Lattice, one_pixel
 from tests.bench.page import Given, write_measured
@@ -226,7 +227,7 @@ def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> P
     tables, text = [], []
     for phase, truth in truths.items():
         lines = [_line(row) for row in rows if row.phase == phase]
-        tables.append(Table.of((f"{phase}: method", *_HEAD), lines))
+        tables.append(Table((f"{phase}: method", *_HEAD), lines))
         text.append(
             f"{phase}: the reference is `path` with {truth.samples} samples per pixel in two "
             f"independent halves; its error of {truth.noise_K:.3f} K RMS cancels in the RMS, but "

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from cldit.bench.case import BenchError, Say
-from cldit.bench.report import Part, Table
+from cldit.bench.report import Part
 from cldit.cfd.openfoam.case import foam_size
 from cldit.cfd.size import Size
 from cldit.cfd.vtk.head import vtk_size
 from cldit.io.plain_data import parse_json
+from cldit.show.page import Table
 from tests.bench import import_cases as cases
 from tests.bench.page import UNLISTED, write_measured
 
@@ -103,7 +104,7 @@ def imports(say: Say, large: tuple[Large, ...] = CASES) -> Part:
     return Part(
         name="import",
         title="Importing large CFD cases",
-        tables=(Table.of(_HEAD, rows),),
+        tables=(Table(_HEAD, rows),),
         data=data,
         text=(
             "Peak resident memory and CPU seconds of vtk's reader, of `cldit import CASE`, and of "

@@ -264,7 +264,7 @@ MUTATIONS = (
     row("cldit/comparison/regions.py", "centre_m[1] - (np.arange(rows)",
         "centre_m[1] + (np.arange(rows)", "unit/comparison"),
     row("cldit/show/view/packing.py", "kept = (word + half)", "kept = word", "unit/show/view"),
-    row("cldit/study/page.py", "if agreed == len(verdicts):", "if agreed:", "unit/study"),
+    row("cldit/study/page.py", "if agreed == len(words):", "if agreed:", "unit/study"),
     row("cldit/dit/separation.py", "draws=np.delete(self.draws, number, axis=1)",
         "draws=self.draws", "unit/dit/test_separation.py"),
     row("cldit/bench/budget.py", "self.stated_K / self.true_K", "self.true_K / self.stated_K",

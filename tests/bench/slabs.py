@@ -10,10 +10,10 @@ from itertools import product
 import numpy as np
 
 from cldit.bench.case import BenchError
-from cldit.bench.report import Table
 from cldit.errors import ClditError
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
+from cldit.show.page import Table
 from tests.verify.blocks import Blocks
 from tests.verify.slab import EDGE, disort, run_slab
 from tests.verify.stated import Stated
@@ -153,7 +153,7 @@ def slab_table(outcomes: list[SlabOutcome]) -> Table:
         thick = slab.layers == 1 and slab.depth >= 1
         key = f"{slab.albedo:g}", f"{slab.g:g}", "1" if thick else ""
         rows.setdefault(key, {})[slab.depth] = cell(outcome)
-    return Table.of(
+    return Table(
         ("albedo", "g", "layers", *(f"depth {depth:g}" for depth in depths)),
         [[*key, *(row.get(depth, "") for depth in depths)] for key, row in rows.items()],
     )

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from cldit.bench.report import Part, Table
+from cldit.bench.report import Part
 from cldit.errors import ClditError, TransportError
 from cldit.gpu.device import Device
+from cldit.show.page import Table
 from tests.bench.page import Given, write_measured
 from tests.bench.slabs import SlabOutcome, bench_slabs, need_discrete_ordinates, slab_table, slabs
 from tests.verify.blocks import Blocks
@@ -80,7 +81,7 @@ def known_table(outcomes: list[Outcome]) -> Table:
         for outcome in shown:
             limit = f"{bound:g}" if outcome.holds else f"{bound:g}: **missed**"
             rows.append((group, str(len(found)), outcome.case.name, _reached(outcome), limit))
-    return Table.of(("group", "cases", "worst", "error", "bound"), rows)
+    return Table(("group", "cases", "worst", "error", "bound"), rows)
 
 
 _TEXT = (

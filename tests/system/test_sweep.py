@@ -22,7 +22,7 @@ from cldit.api.series import run_series
 from cldit.errors import SceneError, StudyError
 from cldit.run import RunCache, reevaluated
 from cldit.scene import Scene, parse_scene
-from cldit.study.dataset import open_folder
+from cldit.study.dataset import done, open_folder
 from cldit.study.grid import Grid
 from cldit.study.side_by_side import trace_members, trace_scenes
 from cldit.study.sweep import Progress, client_of, run_sweep
@@ -165,7 +165,8 @@ def test_a_sweep_killed_in_its_first_seconds_goes_on(
             shutil.rmtree(out / "points")
         else:
             (out / "study.zarr" / ".zmetadata").unlink()
-    assert open_folder(out, scene, grid).done() == set()
+    open_folder(out, scene, grid)
+    assert done(out) == set()
     study = cldit.open_study(out)
     assert study.sizes["walls.temperature_K"] == 2 and bool(np.isnan(study.emissivity).all())
 

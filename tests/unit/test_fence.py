@@ -43,7 +43,7 @@ BUDGETS: dict[str, int] = {
     "rig": 2000,
     "run": 2750,
     "scene": 2250,
-    "show": 7000,
+    "show": 6750,
     "spray": 6250,
     "study": 3500,
     "testing": 1500,

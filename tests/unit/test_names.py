@@ -44,7 +44,7 @@ KEPT: dict[str, str] = {
     "scene": "",
     "show": "left text what",  # edge of an image; packed arrays; of `Run.plot`
     "spray": "",
-    "study": "more text",  # of a page
+    "study": "text",  # of a page
     "testing": "first last text told wanted what",  # of the contract, for authors of drivers
     "transport": "first known",  # of a range; of gradients that precede those from neighbours
 }

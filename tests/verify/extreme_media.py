@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.bench.report import Table
 from cldit.errors import ClditError
 from cldit.run import Run
+from cldit.show.page import Table
 from cldit.spray.extent import Box
 from cldit.spray.result import Parcels, Spray
 from tests.verify.blocks import Blocks
@@ -79,7 +79,7 @@ def bench_extremes(
 
 def extremes_table(outcomes: list[ExtremeOutcome]) -> Table:
     """Rows; a true error of which less than half is stated is in bold."""
-    return Table.of(("case", "stated", "true", "stated / true", "s"),
+    return Table(("case", "stated", "true", "stated / true", "s"),
                     [_row(outcome) for outcome in outcomes])  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from cldit.dit.design import Design, Goal
 from cldit.dit.profile import Profile
 from cldit.run import Run
 from cldit.show.figures.onto import draw_profile
-from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
+from cldit.show.figures.style import WIDTH_IN, curves_of, finish, plain, plain_ticks, styled
 from cldit.spray.droplet.follow import Life
 
 
@@ -22,8 +22,8 @@ def budget_figure(
     kelvin: Mapping[str, float | None], *, title: str, total_K: float | None
 ) -> Figure:
     """Bars of the error of T_app by cause, in kelvin, with a line at the total; None: unknown."""
-    figure = figure_of(5.0, 0.8 + 0.22 * max(sum(len(name) // 32 + 1 for name in kelvin), 1))
-    axes = figure.subplots()
+    lines = max(sum(len(name) // 32 + 1 for name in kelvin), 1)
+    figure, axes = curves_of(5.0, 0.8 + 0.22 * lines, title=title)
     names = list(kelvin)
     sizes = [kelvin[name] or 0.0 for name in names]
     axes.barh(range(len(names)), sizes, color="C0")
@@ -40,7 +40,6 @@ def budget_figure(
     if total_K is not None:
         axes.axvline(total_K, color="C3", lw=1.2, label=f"all together: {total_K:.2g} K")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
-    figure.suptitle(plain(title))
     return figure
 
 
@@ -56,17 +55,13 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
     mean = hidden[:, spray].mean(axis=1) if spray.any() else np.zeros(len(hidden))
     edges = np.array(quadrature.edges_um)
     light = quadrature.light / np.diff(edges)
-    figure = figure_of(5.0, 2.8)
-    axes = figure.subplots()
+    figure, axes = curves_of(5.0, 2.8, title=title)
     axes.stairs(light / light.max(), edges, fill=True, color="0.88",
                 label=f"light of a black body at {quadrature.reference_K:g} K")  # fmt: skip
     members = np.array(quadrature.members)
     axes.stairs(members.T @ mean, edges, baseline=None, color="C3", lw=1.4,
                 label=f"emissivity, mean of {int(spray.sum())} pixels")  # fmt: skip
-    axes.set_xlabel("wavelength / µm")
-    axes.set_ylabel("share")
-    axes.set_ylim(0.0, 1.05)
-    figure.suptitle(plain(title))
+    axes.set(xlabel="wavelength / µm", ylabel="share", ylim=(0.0, 1.05))
     axes.legend()
     return figure
 
@@ -74,8 +69,7 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
 @styled
 def profile_figure(profile: Profile, *, title: str) -> Figure:
     """T_app and emissivity along a line, with the bands of `draw_profile`."""
-    figure = figure_of(5.0, 3.8)
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = curves_of(5.0, 3.8, title=title, rows=2, sharex=True)
     draw_profile(upper, profile, color="C3")
     draw_profile(lower, profile, emissivity=True, color="C0")
     upper.set_xlabel("")
@@ -90,25 +84,20 @@ def profile_figure(profile: Profile, *, title: str) -> Figure:
         ),
     )
     beside.set_ylabel("°C")
-    figure.suptitle(plain(title))
     return figure
 
 
 @styled
 def nodes_figure(errors_K: Sequence[float], *, chosen: int, title: str) -> Figure:
     """Figure of the error of T_app with 1, 2, .. wavelengths; the chosen number is marked."""
-    figure = figure_of(4.0, 2.8)
-    axes = figure.subplots()
+    figure, axes = curves_of(4.0, 2.8, title=title)
     numbers = np.arange(1, len(errors_K) + 1)
     shown = np.maximum(np.asarray(errors_K, float), 1e-4)  # 0 has no place on a log axis
     axes.semilogy(numbers, shown, "o-", color="C0")
     axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
-    axes.set_xlabel("number of wavelengths")
-    axes.set_ylabel("RMS error of apparent temperature / K")
-    figure.suptitle(plain(title))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(which="both")
-    axes.legend()
+    finish(axes, "number of wavelengths", "RMS error of apparent temperature / K", minor=True,
+           legend=True)  # fmt: skip
     return figure
 
 
@@ -120,8 +109,7 @@ def design_figure(
 
     lines: design, (N,) times [s], (N,) errors [K], for each number of backgrounds.
     """
-    figure = figure_of(WIDTH_IN, 4.0)
-    axes = figure.subplots()
+    figure, axes = curves_of(WIDTH_IN, 4.0, title=title)
     for design, time_s, error_K in sorted(lines, key=lambda line: len(line[0].backgrounds_K)):
         low, high = min(design.backgrounds_K), max(design.backgrounds_K)
         label = f"{len(design.backgrounds_K)} backgrounds, {low:g} to {high:g} K"
@@ -146,12 +134,7 @@ def design_figure(
         ha="right",
         color="0.35",
     )
-    axes.set_xlabel("time / min")
-    axes.set_ylabel(f"standard error of T_app / K, {100 * goal.quantile:g} % quantile")
-    figure.suptitle(plain(title))
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(lambda value, _: "")
+    plain_ticks(axes)
     axes.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50])
     lowest = min(float(errors.min()) for _, _, errors in lines)
     highest = max(float(errors.max()) for _, _, errors in lines)
@@ -160,16 +143,15 @@ def design_figure(
     longest = max(float(time_s[-1]) for _, time_s, _ in lines) / 60.0
     shortest = min(float(time_s[0]) for _, time_s, _ in lines) / 60.0
     axes.set_xlim(0.9 * shortest, 1.1 * longest)
-    axes.grid(which="both")
-    axes.legend()
+    label = f"standard error of T_app / K, {100 * goal.quantile:g} % quantile"
+    finish(axes, "time / min", label, minor=True, legend=True)
     return figure
 
 
 @styled
 def life_figure(life: Life, *, title: str) -> Figure:
     """Figure of d^2, temperature, speed and mass of a droplet against time."""
-    figure = figure_of(WIDTH_IN, 4.6)
-    figure.suptitle(plain(title))
+    figure, grid = curves_of(WIDTH_IN, 4.6, title=title, rows=2, columns=2, sharex=True)
     end = float(life.time_s[-1])
     scale, unit = next(((s, u) for s, u in ((1.0, "s"), (1e3, "ms")) if end * s >= 1), (1e6, "µs"))
     panels = (
@@ -178,16 +160,11 @@ def life_figure(life: Life, *, title: str) -> Figure:
         (life.velocity_m_s, "velocity relative to the gas / (m/s)", False),
         (life.mass_kg / life.mass_kg[0], "mass / first mass", True),
     )
-    for axes, (column, label, from_zero) in zip(
-        figure.subplots(2, 2, sharex=True).flat, panels, strict=True
-    ):
+    for axes, (column, label, from_zero) in zip(grid.flat, panels, strict=True):
         axes.plot(life.time_s * scale, column, color="#1b6ca8")
-        axes.set_ylabel(label)
-        axes.grid()
+        finish(axes, f"time / {unit}" if axes in grid[1] else "", label)
         axes.ticklabel_format(axis="y", useOffset=False)
         axes.set_xlim(0, end * scale)
         if from_zero:
             axes.set_ylim(bottom=0)
-    for axes in figure.axes[2:]:
-        axes.set_xlabel(f"time / {unit}")
     return figure

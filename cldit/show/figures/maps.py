@@ -1,7 +1,6 @@
 """Figures of maps, weights, shares, camera images and errors, with axes in mm."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,6 +42,19 @@ def frame_of(scene: Scene, *, sensor: bool = False) -> Frame:
 def spray_window(maps: Maps, frame: Frame) -> Window:
     """Part of the maps (H, W) with the spray, see `window_around`."""
     return window_around(np.where(maps.reason == Reason.OK, maps.emissivity, 0.0), frame)
+
+
+def spray_figure(
+    panels: Sequence[Panel],
+    maps: Maps,
+    frame: Frame,
+    *,
+    title: str,
+    legend: Sequence[tuple[Any, str]] = (),
+) -> Figure:
+    """Figure of panels, cropped to the spray of the maps (H, W)."""
+    window = spray_window(maps, frame)
+    return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
 
 def map_panel(
@@ -223,60 +235,43 @@ def error_maps_panels(
     return [Panel(shown[name], titles[name], label, limits, ERROR) for name in shown]
 
 
-@dataclass(frozen=True)
-class Shares:
-    """Shares (H, W) of the radiance of each pixel by origin, 0 to 1; NaN where nothing arrives.
+def shares_of_light(
+    weights: Weights,
+    reference: Weights,
+    *,
+    background: float,
+    wall: float,
+    patches: Mapping[str, float],
+) -> tuple[list[Panel], dict[str, float]]:
+    """Shares of the radiance by origin: panels of vapour and droplets, and means of all origins.
 
-    where: True where the spray adds or takes something; the means are over these pixels.
+    background, wall, patches: radiances [photons s-1 m-2 sr-1]. A panel is omitted if its light is
+    visible nowhere. The means are over the pixels where the spray is: the weights (H, W) differ
+    from those without it by more than 1 %; empty if there are none.
     """
-
-    images: Mapping[str, NDArray[np.float64]]
-    where: NDArray[np.bool_]
-
-    @classmethod
-    def of(
-        cls,
-        weights: Weights,
-        reference: Weights,
-        *,
-        background: float,
-        wall: float,
-        patches: Mapping[str, float] | None = None,
-    ) -> "Shares":
-        """Shares for given radiances [photons s-1 m-2 sr-1] of background, walls and patches.
-
-        The spray is where the weights (H, W) differ from those without it by more than 1 %.
-        """
-        radiances = {"background": background, "wall": wall, **(patches or {})}
-        total = compose(weights, background=background, wall=wall, patches=patches)
-        outside = ("background", "wall", *weights.patches)
-        images: dict[str, NDArray[np.float64]] = {}
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for name in (*outside, "vapour", "liquid"):
-                light = weights.images[name] * np.float64(radiances.get(name, 1.0))
-                images[name] = np.where(total > 0, light / total, np.nan)
-        outside_bare, outside_spray = (
-            sum(part.images[name].astype(np.float64) for name in outside)
-            for part in (reference, weights)
-        )
-        moved = np.abs(reference.background.astype(np.float64) - weights.background) > 0.01
-        return cls(images, (np.abs(outside_bare - outside_spray) > 0.01) | moved)
-
-    def means(self) -> dict[str, float]:
-        """Mean shares over the pixels where the spray is; empty without any."""
-        if not self.where.any():
-            return {}
-        names = {"wall": "walls", "liquid": "droplets"}
-        return {
-            names.get(name, name): float(np.nanmean(image[self.where]))
-            for name, image in self.images.items()
-        }
-
-    def panels(self) -> list[Panel]:
-        """Panels of the shares of vapour and droplets that are visible somewhere."""
-        names = {"vapour": "vapour", "liquid": "droplets"}
-        return [
-            Panel(self.images[name], f"share of {origin} in the signal", "share", (0.0, 1.0))
-            for name, origin in names.items()
-            if np.nanmax(self.images[name], initial=0.0) > _VISIBLE
-        ]
+    radiances = {"background": background, "wall": wall, **patches}
+    total = compose(weights, background=background, wall=wall, patches=patches)
+    outside = ("background", "wall", *weights.patches)
+    images: dict[str, NDArray[np.float64]] = {}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for name in (*outside, "vapour", "liquid"):
+            light = weights.images[name] * np.float64(radiances.get(name, 1.0))
+            images[name] = np.where(total > 0, light / total, np.nan)
+    outside_bare, outside_spray = (
+        sum(part.images[name].astype(np.float64) for name in outside)
+        for part in (reference, weights)
+    )
+    moved = np.abs(reference.background.astype(np.float64) - weights.background) > 0.01
+    spray = (np.abs(outside_bare - outside_spray) > 0.01) | moved
+    origins = {"wall": "walls", "liquid": "droplets"}
+    means = {
+        origins.get(name, name): float(np.nanmean(image[spray]))
+        for name, image in images.items()
+        if spray.any()
+    }
+    panels = [
+        Panel(images[name], f"share of {origin} in the signal", "share", (0.0, 1.0))
+        for name, origin in (("vapour", "vapour"), ("liquid", "droplets"))
+        if np.nanmax(images[name], initial=0.0) > _VISIBLE
+    ]
+    return panels, means

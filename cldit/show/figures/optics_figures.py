@@ -11,13 +11,11 @@ from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Response
 from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
-from cldit.show.report.optics_summary import FIG4, SceneOptics
+from cldit.show.report.optics_summary import FIG4, PAPER, SceneOptics
 from cldit.spray.sizes import density_per_m, mean_diameter_m
 
 _BLUE, _RED, _GREEN, _GREY, _BLACK = "#1f5fa8", "#c0392b", "#2e8b57", "#8a8a8a", "#222222"
 _FILTER = "#f3e3b3"
-
-PAPER_UM, PAPER_N, PAPER_K = 3.4, 1.338, 0.0341  # Sections "Ray Tracing" and "Refractive Index"
 
 
 @styled
@@ -77,8 +75,9 @@ def _index(axes: Axes, data: SceneOptics) -> None:
     axes.plot(optics.wavelength_um, optics.n, "o", color=_BLUE, mec="white")
     right_axes.plot(optics.wavelength_um, optics.k, "o", color=_RED, mec="white")
     axes.plot([], [], "o", color=_GREY, label=f"in the scene: {optics.n:g} - {optics.k:g}i")
-    axes.plot(PAPER_UM, PAPER_N, "x", color=_BLACK, label=f"paper: {PAPER_N} - {PAPER_K}i")
-    right_axes.plot(PAPER_UM, PAPER_K, "x", color=_BLACK)
+    axes.plot(PAPER.wavelength_um, PAPER.n, "x", color=_BLACK,
+              label=f"paper: {PAPER.n} - {PAPER.k}i")  # fmt: skip
+    right_axes.plot(PAPER.wavelength_um, PAPER.k, "x", color=_BLACK)
     axes.plot([], [], color=_RED, label="k (right)")
     axes.set(xlabel="wavelength / µm", ylabel="n", title=title)
     right_axes.set_ylabel("k")
@@ -178,7 +177,8 @@ def _vapour(axes: Axes, data: SceneOptics) -> None:
     label = f"in the scene: {used:g}"
     axes.plot(optics.wavelength_um, used, "o", color=_RED, mec="white", label=label)
     if any(band.species.startswith("n-heptane") for band in data.vapours):
-        axes.plot(PAPER_UM, 5.0, "x", color=_BLACK, label="paper: 5")
+        paper = PAPER.vapour_m2_mol / 10.0
+        axes.plot(PAPER.wavelength_um, paper, "x", color=_BLACK, label=f"paper: {paper:g}")
     axes.set(
         xlabel="wavelength / µm",
         ylabel="absorption / ($10^5$ cm²/mol)",

@@ -312,11 +312,6 @@ def _label(axes: Axes, panel: Panel, *, leftmost: bool, lowest: bool) -> None:
         axes.set_xlabel(f"{panel.frame.axes[0]} / mm")
 
 
-def _shown(panel: Panel) -> NDArray[np.generic]:
-    assert panel.frame is not None and panel.window is not None
-    return panel.image[panel.frame.slices(panel.image.shape, panel.window)]
-
-
 def beyond(limits: tuple[float, float], *shown: NDArray[np.generic]) -> str:
     """Ends of a colour bar that get an arrow: values are beyond them, by more than rounding."""
     low, high = limits
@@ -342,7 +337,7 @@ def _key(axes: Axes, panels: Sequence[Panel]) -> None:
     bar = axes.figure.colorbar(
         ScalarMappable(_norm(panel), panel.colours),
         cax=axes,
-        extend=beyond(limits, *(_shown(panel) for panel in panels)),
+        extend=beyond(limits, *(panel.image for panel in panels)),
         extendfrac=0.04,
     )
     high_in = axes.get_window_extent().height / axes.figure.dpi

@@ -3,6 +3,7 @@
 import warnings
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -31,11 +32,12 @@ from cldit.show.figures.maps import (
     map_legend,
     map_panels,
     reasons_in,
+    spray_figure,
     spray_window,
     weights_panels,
 )
 from cldit.show.figures.onto import draw_map, draw_profile
-from cldit.show.figures.panels import Frame, Panel, panels_figure
+from cldit.show.figures.panels import Frame, Panel
 from cldit.show.figures.readable import human_figures
 from cldit.show.figures.style import SCREEN_DPI, png_of
 from cldit.show.report.spray_report import views_figure
@@ -76,9 +78,9 @@ def plot(
         options["vmin"], options["vmax"] = options.pop("range_K")
     kinds = _OF_RUN if isinstance(of, Run) else _OF_EVALUATION
     if isinstance(of, Spray):
-        kinds = {"maps": _spray}
+        kinds = {"maps": partial(views_figure, title="spray")}
     if isinstance(of, Profile):
-        kinds = {"profile": lambda profile: profile_figure(profile, title="profile")}
+        kinds = {"profile": partial(profile_figure, title="profile")}
     if what not in kinds:
         raise EvaluationError(f"plot: {what!r}; allowed: {', '.join(kinds)}")
     return kinds[what](of, **options) if ax is None else _onto(ax, of, what, **options)
@@ -97,31 +99,30 @@ def _onto(ax: Axes, of: Any, kind: str, **options: Any) -> Figure:
         raise EvaluationError(
             f"plot: ax with {kind!r}; allowed: maps, acquired or profile, of a run or an evaluation"
         )
-    if isinstance(of, Run):
-        maps, frame = _recorded(of) if kind == "acquired" else (of.maps, frame_of(of.scene))
-    else:
-        maps, frame = maps_of(of)
+    maps, frame, _ = _seen(of, kind)
     draw_map(ax, maps, frame, **quantity, **options)
     return figure
 
 
-def _maps(run: Run, **options: Any) -> Figure:
-    return map_figure(run.maps, frame_of(run.scene), **{"title": run.scene.name, **options})
+def _seen(of: "Run | xarray.Dataset", kind: str = "maps") -> tuple[Maps, Frame, str]:
+    """Maps (H, W) of a data set, or of a run as traced or as acquired; their frame and a title."""
+    if not isinstance(of, Run):
+        return *maps_of(of), str(of.attrs.get("title", "cldit")).removeprefix("cldit: ")
+    if kind == "maps":
+        return of.maps, frame_of(of.scene), of.scene.name
+    if of.measured is None:
+        raise RunFolderError(f"{of.scene.name}: has no acquisition; run it without --trace-only")
+    return of.measured, frame_of(of.scene, sensor=True), f"{of.scene.name}: acquired"
 
 
-def _recorded(run: Run) -> tuple[Maps, Frame]:
-    if run.measured is None:
-        raise RunFolderError(f"{run.scene.name}: has no acquisition; run it without --trace-only")
-    return run.measured, frame_of(run.scene, sensor=True)
-
-
-def _acquired(run: Run, **options: Any) -> Figure:
-    return map_figure(*_recorded(run), **{"title": f"{run.scene.name}: acquired", **options})
+def _maps(of: "Run | xarray.Dataset", kind: str = "maps", **options: Any) -> Figure:
+    maps, frame, title = _seen(of, kind)
+    return map_figure(maps, frame, **{"title": title, **options})
 
 
 def _summary(run: Run) -> Figure:
     """One camera frame, and from all of them T_app, emissivity and the error of T_app."""
-    maps, frame = _recorded(run)
+    maps, frame, _ = _seen(run, "acquired")
     if run.folder is None:
         raise RunFolderError(f"{run.scene.name}: is not stored; give `out` to simulate")
     stored = open_acquisition(run.folder / "acquisition")
@@ -131,47 +132,66 @@ def _summary(run: Run) -> Figure:
     scale = Scale.of([maps])
     raw = Panel(stored.load(shot), f"camera frame, {background}", "signal / counts", colours=COUNTS)
     panels = [raw, *map_panels(maps, scale), errors_panels(maps)[0]]
-    title, window = f"{run.scene.name}: simulated recording", spray_window(maps, frame)
-    legend = map_legend(reasons_in(maps, frame, window), scale, paper=False)
-    return panels_figure(panels, frame, title=title, window=window, legend=legend)
+    reasons = reasons_in(maps, frame, spray_window(maps, frame))
+    legend = map_legend(reasons, scale, paper=False)
+    title = f"{run.scene.name}: simulated recording"
+    return spray_figure(panels, maps, frame, title=title, legend=legend)
 
 
-def _errors(run: Run) -> Figure:
-    panels = error_maps_panels(run.error_maps) if run.error_maps else errors_panels(run.maps)
-    return _of_trace(run, panels, "standard errors")
-
-
-def _of_trace(run: Run, panels: Sequence[Panel], subject: str) -> Figure:
-    frame = frame_of(run.scene)
-    window = spray_window(run.maps, frame)
-    return panels_figure(panels, frame, title=f"{run.scene.name}: {subject}", window=window)
+def _errors(of: "Run | xarray.Dataset") -> Figure:
+    maps, frame, title = _seen(of)
+    stated = isinstance(of, Run) and of.error_maps
+    panels = error_maps_panels(stated) if stated else errors_panels(maps)
+    return spray_figure(panels, maps, frame, title=f"{title}: standard errors")
 
 
 def _weights(run: Run) -> Figure:
-    return _of_trace(run, weights_panels(run.weights), "weights of the trace")
+    title = f"{run.scene.name}: weights of the trace"
+    return spray_figure(weights_panels(run.weights), run.maps, frame_of(run.scene), title=title)
 
 
-def _budget(run: Run) -> Figure:
-    if run.errors is None:
-        raise EvaluationError(
-            f"{run.scene.name}: states no error; set transport.audit: true in its scene"
-        )
-    kelvin = {cause.name: cause.error_K for cause in run.errors.causes}
-    title = f"{run.scene.name}: error of T_app, RMS"
-    return budget_figure(kelvin, title=title, total_K=run.errors.total_K)
+def _budget(of: "Run | xarray.Dataset") -> Figure:
+    if isinstance(of, Run):
+        title, subject = of.scene.name, "error of T_app, RMS"
+        hint = "states no error; set transport.audit: true in its scene"
+        kelvin = {cause.name: cause.error_K for cause in of.errors.causes} if of.errors else {}
+        total_K = of.errors.total_K if of.errors else None
+    else:
+        title, subject = _seen(of)[2], "budget of T_app, median pixel"
+        hint = "has no budget (setup.uncertainty states it)"
+        budget = parse_json(str(of.attrs.get("evaluation", "{}"))).get("budget") or {}
+        kelvin = {name: part["apparent_temperature_K"] for name, part in budget.items()}
+        total_K = kelvin.pop("total", None)
+    if not kelvin:
+        raise EvaluationError(f"{title}: {hint}")
+    return budget_figure(kelvin, title=f"{title}: {subject}", total_K=total_K)
 
 
 def _spectrum(run: Run) -> Figure:
     return spectrum_figure(run, title=f"{run.scene.name}: the filter")
 
 
-def _profile(run: Run, **options: Any) -> Figure:
-    return profile_figure(run.profile(**options), title=f"{run.scene.name}: along a plume")
+def _profile(of: "Run | xarray.Dataset", **options: Any) -> Figure:
+    return profile_figure(_profile_of(of, **options), title=f"{_seen(of)[2]}: along a plume")
 
 
+def _profile_of(of: "Run | xarray.Dataset", **options: Any) -> Profile:
+    if isinstance(of, Run):
+        return of.profile(**options)
+    maps, frame = maps_of(of)
+    geometry = {"pixel_m": frame.pixel_m, "centre_m": frame.centre_m}
+    return profile_of(maps, **{**geometry, **options})
+
+
+_OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
+    "maps": _maps,
+    "errors": _errors,
+    "budget": _budget,
+    "profile": _profile,
+}
 _OF_RUN: Mapping[str, Callable[..., Figure]] = {
     "maps": _maps,
-    "acquired": _acquired,
+    "acquired": partial(_maps, kind="acquired"),
     "summary": _summary,
     "errors": _errors,
     "weights": _weights,
@@ -179,10 +199,6 @@ _OF_RUN: Mapping[str, Callable[..., Figure]] = {
     "spectrum": _spectrum,
     "profile": _profile,
 }
-
-
-def _spray(spray: Spray, *, title: str = "spray") -> Figure:
-    return views_figure(spray, title=title)
 
 
 def maps_of(data: "xarray.Dataset") -> tuple[Maps, Frame]:
@@ -214,52 +230,6 @@ def maps_of(data: "xarray.Dataset") -> tuple[Maps, Frame]:
 
 def _step(places_m: np.ndarray[Any, np.dtype[np.float64]]) -> float:
     return float(abs(places_m[-1] - places_m[0]) / max(len(places_m) - 1, 1)) or 1e-3
-
-
-def _title(data: "xarray.Dataset") -> str:
-    return str(data.attrs.get("title", "cldit")).removeprefix("cldit: ")
-
-
-def _data_maps(data: "xarray.Dataset", **options: Any) -> Figure:
-    maps, frame = maps_of(data)
-    return map_figure(maps, frame, **{"title": _title(data), **options})
-
-
-def _data_errors(data: "xarray.Dataset") -> Figure:
-    maps, frame = maps_of(data)
-    title, window = f"{_title(data)}: standard errors", spray_window(maps, frame)
-    return panels_figure(errors_panels(maps), frame, title=title, window=window)
-
-
-def _data_budget(data: "xarray.Dataset") -> Figure:
-    budget = parse_json(str(data.attrs.get("evaluation", "{}"))).get("budget")
-    if not budget:
-        raise EvaluationError(f"{_title(data)}: has no budget (setup.uncertainty states it)")
-    kelvin = {name: part["apparent_temperature_K"] for name, part in budget.items()}
-    total_K = kelvin.pop("total", None)
-    title = f"{_title(data)}: budget of T_app, median pixel"
-    return budget_figure(kelvin, title=title, total_K=total_K)
-
-
-def _data_profile(data: "xarray.Dataset", **options: Any) -> Figure:
-    profile = _profile_of(data, **options)
-    return profile_figure(profile, title=f"{_title(data)}: along a plume")
-
-
-def _profile_of(of: "Run | xarray.Dataset", **options: Any) -> Profile:
-    if isinstance(of, Run):
-        return of.profile(**options)
-    maps, frame = maps_of(of)
-    geometry = {"pixel_m": frame.pixel_m, "centre_m": frame.centre_m}
-    return profile_of(maps, **{**geometry, **options})
-
-
-_OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
-    "maps": _data_maps,
-    "errors": _data_errors,
-    "budget": _data_budget,
-    "profile": _data_profile,
-}
 
 
 def html_of(result: Run | Spray | Profile) -> str:

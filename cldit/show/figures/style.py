@@ -107,6 +107,30 @@ def figure_of(
     return figure
 
 
+def curves_of(
+    width_in: float,
+    height_in: float,
+    *,
+    title: str,
+    rows: int = 1,
+    columns: int = 1,
+    **sharing: Any,
+) -> tuple[Figure, Any]:
+    """Figure for curves under a title, and its axes as `Figure.subplots` returns them."""
+    figure = figure_of(width_in, height_in)
+    axes = figure.subplots(rows, columns, **sharing)
+    figure.suptitle(plain(title))
+    return figure, axes
+
+
+def finish(axes: Axes, x: str, y: str, *, minor: bool = False, legend: bool = False) -> None:
+    """Labels of the axes, lines at the ticks, at the minor ones too with `minor`, and a legend."""
+    axes.set(xlabel=x, ylabel=y)
+    axes.grid(which="both" if minor else "major")
+    if legend:
+        axes.legend()
+
+
 def plain(label: str) -> str:
     """User text for a figure, in which `$` starts no formula."""
     return label.replace("$", r"\$")

@@ -16,7 +16,7 @@ from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
 from cldit.show.figures.onto import draw_profile
 from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
-from cldit.show.figures.style import WIDTH_IN, figure_of, plain, png_of, styled, write_figure
+from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled, write_figure
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE, REGIONS, PROFILES = "report.html", "regions.csv", "profiles.csv"
@@ -133,7 +133,7 @@ def write_comparison(comparison: Comparison, folder: Path, *, suffix: str = ".pn
             write_figure(figure, folder / f"{name}{ending}{suffix}")
             for name, figure in drawn.items()
         ]
-        images = [Figure(png_of(figure), _ABOUT[name]) for name, figure in drawn.items()]
+        images = [Figure.of(figure, _ABOUT[name]) for name, figure in drawn.items()]
         content.append(
             Section(f"{difference.other} minus {difference.one}", _sections(difference, images))
         )

@@ -15,14 +15,15 @@ from cldit.errors import RunFolderError
 from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
 from cldit.show.figures.colours import ERROR
-from cldit.show.figures.maps import errors_panels, map_figure, spray_window
-from cldit.show.figures.panels import Frame, Panel, panels_figure
-from cldit.show.figures.style import SCREEN_DPI, png_of
+from cldit.show.figures.maps import errors_panels, map_figure, spray_figure
+from cldit.show.figures.panels import Frame, Panel
+from cldit.show.figures.style import SCREEN_DPI
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE = "report.html"
 STORED = "evaluation.json"
 _SEEN_K = 1e-6  # smaller changes are rounding: the part cancels in the equation
+_IMPROBABLE = "{:.2g} % of the pixels have a fit_probability below 0.001; chance gives 0.1 %."
 _TOTALS = {
     "apparent_temperature_systematic_error_K": ("systematic error of apparent temperature", "K"),
     "apparent_temperature_total_error_K": ("total error of apparent temperature", "K"),
@@ -79,6 +80,7 @@ def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section
 
 def _witnesses(stored: Mapping[str, Any]) -> list[Block]:
     witnesses = stored.get("witnesses", [])
+    share = stored.get("improbable_share")
     in_kelvin = [witness for witness in witnesses if witness.get("setpoints")]
     rest = [row for row in witnesses if not row.get("setpoints") and not row["stands_out"]]
     table = _by_background(
@@ -100,7 +102,7 @@ def _witnesses(stored: Mapping[str, Any]) -> list[Block]:
         "Each witness in kelvin of the black body, with its noise:" if table.rows else "",
         table,
         *(witness["text"] for witness in rest),
-        _improbable(stored),
+        "" if share is None else _IMPROBABLE.format(100.0 * share),
         *stored["remarks"],
     ]
 
@@ -119,16 +121,6 @@ def _by_background(title: str, rows: Sequence[tuple[Any, ...]], *, last_title: s
     columns = [f"{kelvin:g} K" for kelvin in rows[0][1]]
     titles = [title, *columns, *([last_title] if last_title else [])]
     return Table(titles, [[name, *cells, *last_cells] for name, _, cells, *last_cells in rows])
-
-
-def _improbable(stored: Mapping[str, Any]) -> str:
-    share = stored.get("improbable_share")
-    if share is None:
-        return ""
-    return (
-        f"{100.0 * share:.2g} % of the pixels have a fit_probability below 0.001; chance gives "
-        "0.1 %."
-    )
 
 
 def _budget(parts: Mapping[str, Any]) -> Table:
@@ -158,10 +150,10 @@ def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -
          f"error. A map of each part is in {maps.name}/{PARTS}."),
         (single, "T_app by cause", "Change of the apparent temperature by each cause alone."),
     ]  # fmt: skip
-    window = spray_window(Maps.load(maps), frame)
+    shown = Maps.load(maps)
     return [
-        Figure(png_of(panels_figure(panels, frame, title=f"{title}: {subject}", window=window),
-                      dpi=SCREEN_DPI), caption)
+        Figure.of(spray_figure(panels, shown, frame, title=f"{title}: {subject}"), caption,
+                  dpi=SCREEN_DPI)
         for panels, subject, caption in drawn
         if panels
     ]  # fmt: skip
@@ -178,16 +170,10 @@ def pixels_section(maps: Maps) -> Section:
 def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
     """Writes the page of an evaluation beside its maps and returns the page's path."""
     drawn = Maps.load(maps)
-    panels, window = errors_panels(drawn), spray_window(drawn, frame)
+    errors = spray_figure(errors_panels(drawn), drawn, frame, title=f"{title}: standard errors")
     figures = [
-        Figure(
-            png_of(map_figure(drawn, frame, title=title)),
-            "Apparent temperature and emissivity.",
-        ),
-        Figure(
-            png_of(panels_figure(panels, frame, title=f"{title}: standard errors", window=window)),
-            "Standard errors, including what the witnesses found.",
-        ),
+        Figure.of(map_figure(drawn, frame, title=title), "Apparent temperature and emissivity."),
+        Figure.of(errors, "Standard errors, including what the witnesses found."),
     ]
     content = [
         Section("Emissivity and apparent temperature", figures),

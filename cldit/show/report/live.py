@@ -16,13 +16,12 @@ from cldit.acquisition.progress import Approach, left_text
 from cldit.acquisition.quality import Exposure, exposure
 from cldit.acquisition.watch import Reading, Seen
 from cldit.show.figures.colours import COUNTS, robust_limits
-from cldit.show.figures.style import SCREEN_DPI, WIDTH_IN, figure_of, png_of, styled
+from cldit.show.figures.style import SCREEN_DPI, WIDTH_IN, figure_of, finish, png_of, styled
 from cldit.show.page import Block, Figure, Html, Page
 
 _SATURATED = "#00c8ff"  # a colour that the map does not have
-_MOST_PIXELS = 512  # of a side; of larger images, every second or third pixel is shown
 _BINS = 96
-_POINTS = 1500  # of a curve
+_POINTS = round(WIDTH_IN * SCREEN_DPI)  # of a curve: the figure has no more columns
 _CUT = 10.0  # tolerances at which the distance from the set point is cut
 _LATE_s = 20  # age from which the page itself says that it is old
 _REFRESH_s = 2
@@ -166,7 +165,7 @@ def live_figure(seen: Seen, shot: LastShot | None) -> Drawn:
 
 def _draw_shot(axes: Axes, shot: LastShot) -> None:
     frame = shot.frames[0]
-    step = -(-max(frame.shape) // _MOST_PIXELS)
+    step = -(-2 * max(frame.shape) // _POINTS)  # an image has half of the figure's width
     small = frame[::step, ::step].astype(np.float64)
     limits = robust_limits(small, cut=1.0)
     # Saturated pixels are never omitted, even where the image is reduced.
@@ -205,9 +204,7 @@ def _draw_readings(
     times_min = [reading.time_s / 60.0 for reading in present]
     close.plot(times_min, np.clip(away_K, -most_K, most_K), color="C0")
     for axes, label in ((trend, "temperature / K"), (close, "distance from the set point / K")):
-        axes.set(xlabel="minutes since this session began", ylabel=label)
-        axes.grid()
-        axes.legend()
+        finish(axes, "minutes since this session began", label, legend=True)
 
 
 def _thinned(readings: Sequence[Reading]) -> list[Reading]:

@@ -33,6 +33,7 @@ class PaperSizes:
     d32_um: float
 
 
+PAPER = Optics()  # its defaults are the paper's constants
 FIG4 = (
     PaperSizes(NukiyamaTanasawa(m_um=1.5, n=1.0, p=3.0), 6.00, 9.00),
     PaperSizes(NukiyamaTanasawa(m_um=3.21, n=1.28822, p=2.0), 5.97, 9.00),
@@ -112,7 +113,8 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
     if fluid is not None and not (fluid.wavelength_um[0] <= low and high <= fluid.wavelength_um[1]):
         fluid = None
     index, rows, sources = _liquid_rows(fluid, optics, filter_um, fuel_K)
-    rows.insert(0, Row("filter", f"{low:g} to {high:g} µm", "", "around 3.4 µm"))
+    of_paper = f"around {PAPER.wavelength_um:g} µm"
+    rows.insert(0, Row("filter", f"{low:g} to {high:g} µm", "", of_paper))
     named = _vapours(optics.vapour or fuel, optics.vapour_area_km_mol)
     bands = tuple(band for band in named if _covers(band, low, high))
     for band in bands:
@@ -158,8 +160,8 @@ def _liquid_rows(
     n, k = (float(np.mean(part)) for part in fluid.index(np.linspace(*filter_um, _SAMPLES), fuel_K))
     note = f"{fluid.status}, mean over the filter at {fuel_K:.0f} K"
     rows = [
-        Row("n of the liquid", f"{optics.n:g}", f"{n:.4f}", "1.338", note),
-        Row("k of the liquid", f"{optics.k:g}", f"{k:.4f}", "0.0341", note),
+        Row("n of the liquid", f"{optics.n:g}", f"{n:.4f}", f"{PAPER.n:g}", note),
+        Row("k of the liquid", f"{optics.k:g}", f"{k:.4f}", f"{PAPER.k:g}", note),
     ]
     fit = f"; fit {fluid.fit}" if fluid.fit else ""
     return (n, k), rows, [f"{fluid.name} ({fluid.status}): {fluid.source}{fit}"]
@@ -174,7 +176,7 @@ def _vapour_row(
         f"vapour of {band.species}, cm²/mol",
         f"{optics.vapour_m2_mol * 1e4:.3g}",
         f"{mean:.3g}",
-        "5e+05" if fuel == "n-heptane" else "",
+        f"{PAPER.vapour_m2_mol * 1e4:.3g}" if fuel == "n-heptane" else "",
         f"{band.status}, mean over the filter at {gas_K:.0f} K",
     )
 

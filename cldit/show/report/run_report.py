@@ -19,19 +19,20 @@ from cldit.run import Run
 from cldit.scene.delays import delay_text, spray_time_s
 from cldit.show.figures.curves import nodes_figure
 from cldit.show.figures.maps import (
-    Shares,
     camera_figures,
     error_maps_panels,
     errors_panels,
     frame_of,
     injections_panels,
     map_figure,
+    shares_of_light,
+    spray_figure,
     spray_window,
     weights_panels,
 )
 from cldit.show.figures.panels import GREY, Frame, Panel, panels_figure
 from cldit.show.figures.readable import human_figures
-from cldit.show.figures.style import SCREEN_DPI, figure_bytes, png_of
+from cldit.show.figures.style import SCREEN_DPI, figure_bytes
 from cldit.show.page import (
     Bar,
     Block,
@@ -73,12 +74,12 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
     """Names, figures and captions of a stored run; the first one is the main figure."""
     traced, sensor = frame_of(run.scene), frame_of(run.scene, sensor=True)
     name, delays = run.scene.name, run.scene.plan.delays_s
-    window = spray_window(run.maps, traced)
 
     def drawn(
         panels: Sequence[Panel], title: str, frame: Frame = traced, missing: str = ""
     ) -> Drawn:
         legend = [(GREY, missing)] if missing else []
+        window = spray_window(run.maps, traced)
         return panels_figure(panels, frame, title=f"{name}: {title}", window=window, legend=legend)
 
     if run.measured is not None:
@@ -152,7 +153,7 @@ def _camera(run: Run) -> Slider:
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
     figures = {
-        f"{at:g} K": Figure(png_of(drawn, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections.")
+        f"{at:g} K": Figure.of(drawn, f"Mean of {sums[at][1]} injections.", dpi=SCREEN_DPI)
         for at, drawn in camera_figures(means, frame, title=run.scene.name).items()
     }
     return Slider("Background", figures)
@@ -184,26 +185,22 @@ def _origin(run: Run) -> list[Block]:
         run.quadrature.filter_um,
         reference_K=run.quadrature.reference_K,
     )
-    leaves = float(in_filter.leaving(run.quadrature.reference_K))
-    shares = Shares.of(
+    panels, means = shares_of_light(
         run.weights,
         run.reference,
-        background=leaves,
+        background=float(in_filter.leaving(run.quadrature.reference_K)),
         wall=in_filter.wall,
         patches=in_filter.patches,
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
     title, frame = f"{run.scene.name}: origin of the signal", frame_of(run.scene)
-    window = spray_window(run.maps, frame)
-    panels = shares.panels()
-    figure = panels_figure(panels, frame, title=title, window=window) if panels else None
     caption = f"Shares of the radiance in front of a background of {middle_K:g} K."
-    means = shares.means()
+    drawn = spray_figure(panels, run.maps, frame, title=title) if panels else None
     rows: list[list[Cell]] = [
         [name, f"{100 * share:.1f} %", Bar(share)] for name, share in means.items()
     ]
     return [
-        "" if figure is None else Figure(png_of(figure), caption),
+        "" if drawn is None else Figure.of(drawn, caption),
         "Mean over the pixels where the spray is:" if means else "",
         Table((), rows, numbers=(1,)),
     ]

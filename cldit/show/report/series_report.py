@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cldit.arrays import Floats
@@ -22,8 +21,8 @@ from cldit.show.figures.panels import Frame, Window, joined
 from cldit.show.figures.style import (
     SCREEN_DPI,
     WIDTH_IN,
-    figure_of,
-    plain,
+    curves_of,
+    finish,
     png_of,
     styled,
     write_figure,
@@ -136,8 +135,7 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figu
     """
     evaluated = [time for time in times if time.state != "failed"]
     at = np.array([time.time for time in evaluated]) * (1e3 if plan.in_seconds else 1.0)
-    figure = figure_of(WIDTH_IN, 7.5)
-    reach, mass, size, warm = figure.subplots(4, 1, sharex=True)
+    figure, (reach, mass, size, warm) = curves_of(WIDTH_IN, 7.5, title=title, rows=4, sharex=True)
 
     def values(name: str, factor: float) -> Floats:
         none = 0.0 if name.endswith("mass_kg") else np.nan
@@ -163,17 +161,11 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figu
         (size, "Sauter mean diameter / µm"),
         (warm, "apparent temperature / K,\nmedian over the pixels"),
     ):
-        _finish(axes, label)
+        finish(axes, "", label)
+        if len(axes.get_lines()) > 1:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     reach.set_ylim(bottom=0.0)
     mass.set_ylim(bottom=0.0)
     figure.align_ylabels()
     warm.set_xlabel("time / ms" if plan.in_seconds else "time / the case's own unit")
-    figure.suptitle(plain(title))
     return figure
-
-
-def _finish(axes: Axes, label: str) -> None:
-    axes.set_ylabel(label)
-    axes.grid()
-    if len(axes.get_lines()) > 1:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -15,7 +15,7 @@ from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import MASS
 from cldit.show.figures.panels import Frame, Panel, panels_figure
-from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled, write_figure
+from cldit.show.figures.style import WIDTH_IN, curves_of, finish, styled, write_figure
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
@@ -28,6 +28,7 @@ _PIXEL_M = 5e-4  # of the figure
 _SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
 _AXES = {"side": (0, 2), "below": (0, 1)}
 _NAMES = "xyz"
+_NOTHING = np.empty((0, 3)), np.empty(0)  # places and masses
 
 
 @dataclass(frozen=True)
@@ -58,24 +59,24 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
 
     The sum over the pixels is exact.
     """
-    if (parcels := spray.parcels) is None:
-        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
-    place, mass = parcels.position_m, parcels.masses_kg
-    if isinstance(parcels.extent, Box):
-        half = parcels.extent.edge_m / 2
-        filled = _filled(place - half, place + half, mass, view, pixel_m)
-        return _project(*filled, extent(spray), view, pixel_m, 0.0)
-    return _project(place, mass, extent(spray), view, pixel_m, _SMOOTHING)
+    points, smoothing = _NOTHING, 0.0
+    if (parcels := spray.parcels) is not None:
+        points, smoothing = (parcels.position_m, parcels.masses_kg), _SMOOTHING
+        if isinstance(parcels.extent, Box):
+            half = parcels.extent.edge_m / 2
+            corners = parcels.position_m - half, parcels.position_m + half
+            points, smoothing = _filled(*corners, parcels.masses_kg, view, pixel_m), 0.0
+    return _project(*points, extent(spray), view, pixel_m, smoothing)
 
 
 def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
     """Mass of the fuel vapour along the line of sight."""
-    if (vapour := spray.vapour) is None:
-        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
-    mass = vapour.number_density_m3 * vapour.cells.volume_m3
-    mass = mass * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL
-    filled = _filled(vapour.cells.lower_m, vapour.cells.upper_m, mass, view, pixel_m)
-    return _project(*filled, extent(spray), view, pixel_m, 0.0)
+    points = _NOTHING
+    if (vapour := spray.vapour) is not None:
+        mass = vapour.number_density_m3 * vapour.cells.volume_m3
+        mass = mass * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL
+        points = _filled(vapour.cells.lower_m, vapour.cells.upper_m, mass, view, pixel_m)
+    return _project(*points, extent(spray), view, pixel_m, 0.0)
 
 
 def _filled(
@@ -156,8 +157,7 @@ def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
 @styled
 def history_figure(history: History, *, title: str) -> Figure:
     """Figure of penetration, droplet size, masses and coldest gas against time."""
-    figure = figure_of(WIDTH_IN, 4.8)
-    figure.suptitle(plain(title))
+    figure, grid = curves_of(WIDTH_IN, 4.8, title=title, rows=2, columns=2)
     panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
         (
             "penetration / mm",
@@ -178,12 +178,10 @@ def history_figure(history: History, *, title: str) -> Figure:
         ),
         ("coldest gas / K", ((history.coldest_K, ""),)),
     )
-    for axes, (label, lines) in zip(figure.subplots(2, 2).flat, panels, strict=True):
+    for axes, (label, lines) in zip(grid.flat, panels, strict=True):
         for values, name in lines:
             axes.plot(1e3 * history.time_s, values, label=name or None)
-        axes.set_xlabel("time after start of injection / ms")
-        axes.set_ylabel(label)
-        axes.grid()
+        finish(axes, "time after start of injection / ms", label)
         axes.set_xlim(left=0)
         if len(lines) > 1:
             axes.set_ylim(bottom=0)

@@ -8,7 +8,6 @@ mostly zeros, which compress well.
 
 import zlib
 from base64 import b64encode
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,22 +19,8 @@ MANTISSA_BITS = 18
 ERROR_BITS = 10
 """Bits kept of standard errors: a relative error of at most 5e-4."""
 
-_WHOLE_BITS = 23  # of float32
-_NAN = 0x7FC00000
-
-
-@dataclass(frozen=True)
-class Packed:
-    """An array as text. dtype: numpy's name of what the text holds. count: numbers in it."""
-
-    dtype: str
-    count: int
-    text: str
-
-    @property
-    def head(self) -> dict[str, Any]:
-        """Data that the page needs to read the text."""
-        return {"dtype": self.dtype, "count": self.count}
+_WHOLE_BITS = np.finfo(np.float32).nmant
+_NAN = np.array(np.nan, np.float32).view(np.uint32)
 
 
 def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
@@ -47,13 +32,14 @@ def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
     word = np.ascontiguousarray(plain).view(np.uint32)
     half = np.uint32(1 << (drop - 1))
     kept = (word + half) & np.uint32(0xFFFFFFFF << drop & 0xFFFFFFFF)
-    kept = np.where(np.isnan(plain), np.uint32(_NAN), kept)
+    kept = np.where(np.isnan(plain), _NAN, kept)
     return np.asarray(kept, np.uint32).view(np.float32)
 
 
-def packed(values: NDArray[Any]) -> Packed:
-    """Packs an array (...,) row by row: float32 by differences, other types unchanged.
+def packed(values: NDArray[Any]) -> tuple[dict[str, Any], str]:
+    """Head and text of an array (...,), row by row: float32 by differences, other types unchanged.
 
+    The head has what the page needs to read the text: the numpy type, and the count of numbers.
     Raises TypeError for types other than float32, float64, uint8 and uint16.
     """
     if values.dtype.name not in ("float32", "float64", "uint8", "uint16"):
@@ -67,4 +53,4 @@ def packed(values: NDArray[Any]) -> Packed:
         folded = (step << 1) ^ (step >> 31)  # small for either sign
         data = np.ascontiguousarray(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T).tobytes()
     encoded = b64encode(zlib.compress(data, 6)).decode("ascii")
-    return Packed(values.dtype.name, flat.size, encoded)
+    return {"dtype": values.dtype.name, "count": flat.size}, encoded

@@ -65,11 +65,11 @@ def page_html(items: Sequence[Item]) -> str:
     arrays: list[str] = []
     for number, item in enumerate(items):
         texts = {name: packed(array) for name, array in item.arrays.items()}
-        heads.append({**item.head, "arrays": {name: array.head for name, array in texts.items()}})
+        heads.append({**item.head, "arrays": {name: head for name, (head, _) in texts.items()}})
         arrays += [
             f'<script type="text/plain" data-item="{number}" data-name="{escape(name)}">'
-            f"{array.text}</script>"
-            for name, array in texts.items()
+            f"{text}</script>"
+            for name, (_, text) in texts.items()
         ]
     for head, name in zip(heads, _apart(heads), strict=True):
         head["name"] = name

@@ -10,16 +10,16 @@ from dataclasses import replace
 from cldit.errors import StudyError
 from cldit.study.lab import Lab
 from cldit.study.page import OPEN, StudyPage
-from cldit.study.paper.found import Found, page_of, sentences
 from cldit.study.paper.instruments import camera, optics, visible_light
 from cldit.study.paper.maps import conditions, methane, order, walls
+from cldit.study.paper.results import Results, page_of, sentences
 from cldit.study.paper.rivals import models
 from cldit.study.paper.variants import evaporation, fuel_temperature, index, sizes, vapour
-from cldit.study.paper.variation import Repeated, repeat
+from cldit.study.paper.variation import repeat
 
 _NUMBER = re.compile(r"\d+")
 
-STUDIES: dict[str, Callable[[Lab], Found]] = {
+STUDIES: dict[str, Callable[[Lab], Results]] = {
     "methane": methane,
     "optics": optics,
     "visible": visible_light,
@@ -59,14 +59,10 @@ def run_study(name: str, lab: Lab) -> StudyPage:
     start = time.perf_counter()
     study_lab = replace(lab, used={})
 
-    def page_with(repeated: Repeated) -> StudyPage:
-        return page_of(name, repeated.mean, errors=repeated.errors, row_errors=repeated.row_errors)
+    def decided(results: Results) -> bool:
+        return all(verdict.word != OPEN for verdict in page_of(name, results).verdicts)
 
-    def decided(repeated: Repeated) -> bool:
-        return all(verdict.word != OPEN for verdict in page_with(repeated).verdicts)
-
-    repeated = repeat(STUDIES[name], study_lab, decided=decided)
-    page = page_with(repeated)
+    page = page_of(name, repeat(STUDIES[name], study_lab, decided=decided))
     reduced = ", with reduced pixels and accuracy" if lab.quick else ""
     return replace(
         page,
@@ -75,6 +71,5 @@ def run_study(name: str, lab: Lab) -> StudyPage:
         scenes=study_lab.used,
         quick=lab.quick,
         seconds=time.perf_counter() - start,
-        seeds=repeated.seeds,
         device="" if lab.device is None else lab.device.info.name,
     )

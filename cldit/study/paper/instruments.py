@@ -24,25 +24,25 @@ from cldit.show.figures.colours import COUNTS, NEGATIVE
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.optics_figures import optics_figure
 from cldit.show.figures.panels import Frame, Panel, joined, panels_figure, window_around
-from cldit.show.report.optics_summary import FIG4, scene_optics
+from cldit.show.report.optics_summary import FIG4, PAPER, scene_optics
 from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
-from cldit.study.lab import Lab
+from cldit.study.lab import Lab, ambient, in_gas
 from cldit.study.measures import mean_K, root, spray_of, visible
-from cldit.study.page import Row
-from cldit.study.paper.found import Found
+from cldit.study.page import SURE, Row
+from cldit.study.paper.results import Results
 
-_UM, _N, _K = 3.4, 1.338, 0.0341  # paper
 _LARGE_M = 0.49e-3
 
 
-def optics(lab: Lab) -> Found:
+def optics(lab: Lab) -> Results:
     """Tables only: nothing is traced."""
     scene = lab.shipped("gdi")
     lab.used["gdi"] = scene
     data = scene_optics(scene, cache=lab.runs.cache)
-    n, k = (float(value[0]) for value in liquid("n-heptane").index(np.array([_UM]), 300.0))
-    table = droplet_table(wavelength_um=_UM, n=_N, k=_K, cache=lab.runs.cache)
+    at_um = PAPER.wavelength_um
+    n, k = (float(value[0]) for value in liquid("n-heptane").index(np.array([at_um]), 300.0))
+    table = droplet_table(wavelength_um=at_um, n=PAPER.n, k=PAPER.k, cache=lab.runs.cache)
     extinction = table.efficiencies(np.array([2e-6, 9e-6, _LARGE_M]))[0]
     rows: list[Row] = []
     off: list[float] = []
@@ -63,16 +63,16 @@ def optics(lab: Lab) -> Found:
                 "the paper's D32 / µm": row.d32_um,
             }
         )
-    stronger, weaker = ("more", "less") if k > _K else ("less", "more")
-    return Found(
+    stronger, weaker = ("more", "less") if k > PAPER.k else ("less", "more")
+    return Results(
         values={
-            "um": _UM,
+            "um": at_um,
             "k": k,
-            "k_ratio": k / _K,
-            "paper_k": _K,
+            "k_ratio": k / PAPER.k,
+            "paper_k": PAPER.k,
             "absorb": stronger,
             "scatter": weaker,
-            "n_change": n - _N,
+            "n_change": n - PAPER.n,
             "large": float(extinction[2]),
             "small_over_middle": float(extinction[0] / extinction[1]),
             "off_um": max(off),
@@ -84,7 +84,6 @@ def optics(lab: Lab) -> Found:
 
 # MPa, K: pressure alone, temperature alone, and the corners
 _CONDITIONS = ((0.15, 300.0), (0.6, 300.0), (0.3, 500.0), (0.6, 570.0), (0.9, 620.0))
-_TOLD = ((0.15, 300.0), (0.6, 300.0), (0.6, 570.0), (0.9, 620.0))
 _WITHIN = 0.97  # of the light, or of the liquid's mass
 _SIDE_M = 0.2  # of the enclosure, one side of which is the lamp
 # Green light, which n-heptane does not absorb (n at 20 C), seen without perspective.
@@ -130,15 +129,15 @@ def from_below(spray: Spray) -> Spray:
     return Spray(parcels=replace(spray.parcels, position_m=place, velocity_m_s=None))
 
 
-def visible_light(lab: Lab) -> Found:
+def visible_light(lab: Lab) -> Results:
     """Light of a lamp that droplets scatter to a camera below, 1.5 ms after the start."""
     seen: dict[str, tuple[Floats, Frame]] = {}
     rows: list[Row] = []
     reach: dict[tuple[float, float], float] = {}
     for pressure_MPa, gas_K in _CONDITIONS:
         gas = f"{pressure_MPa:g} MPa, {gas_K:g} K"
-        ambient = {"pressure_Pa": pressure_MPa * 1e6, "temperature_K": gas_K}
-        values = {"spray.time_s": 1.5e-3, "spray.ambient": ambient, **_LIGHT}
+        gas_values = {"spray.ambient": ambient(pressure_MPa, gas_K)}
+        values = {"spray.time_s": 1.5e-3, **gas_values, **_LIGHT}
         scene = lab.gdi(f"visible-{pressure_MPa:g}MPa-{gas_K:g}K", values)
         spray = lab.spray(scene)
         run = lab.run(scene, spray=partial(from_below, spray))
@@ -169,10 +168,10 @@ def visible_light(lab: Lab) -> Found:
             f"{100 * liquid_mg / (liquid_mg + vapour_mg):.0f} % of the fuel still liquid"
         )
 
-    *descriptions, hottest = (told(at) for at in _TOLD)
+    *descriptions, hottest = (told(at) for at in _CONDITIONS if at != (0.3, 500.0))
     liquid_mm = [float(row["of the liquid / mm"]) for row in rows]
     ratios = [mass / light for mass, light in zip(liquid_mm, reach.values(), strict=True)]
-    return Found(
+    return Results(
         values={
             "within": 100 * _WITHIN,
             "seen": f"{'; '.join(descriptions)}; and {hottest}",
@@ -203,9 +202,7 @@ def _light_sheet(seen: Mapping[str, tuple[Floats, Frame]]) -> Figure:
 _BACKGROUND_K = 443.0
 _CAMERA = {
     "spray.time_s": 0.3e-3,
-    # The paper gives walls of 415 K; the gas is taken 115 K above them, as at 0.6 MPa.
-    "spray.ambient": {"pressure_Pa": 0.4e6, "temperature_K": 530.0},
-    "walls.temperature_K": 415.0,
+    **in_gas(0.4)[1],
     "background.temperatures_K": [413.0, _BACKGROUND_K, 473.0],
     "camera.field_m": [0.08, 0.064],
     "camera.target_m": [0.0, 0.0, -0.025],
@@ -213,7 +210,6 @@ _CAMERA = {
     "camera.sensor.integration_time_s": 25e-6,
 }
 _OPAQUE = 0.3
-_SIGMAS = 2.0
 
 
 def _radiance(run: Run) -> NDArray[np.float64]:
@@ -222,7 +218,7 @@ def _radiance(run: Run) -> NDArray[np.float64]:
     return camera_radiance(run.spectral, bands, background_K=_BACKGROUND_K)
 
 
-def camera(lab: Lab) -> Found:
+def camera(lab: Lab) -> Results:
     """One trace, one exposure."""
     pixels = {"camera.pixels": [320, 256] if lab.quick else [1000, 800]}
     run = lab.run(lab.gdi("camera", {**_CAMERA, **pixels}))
@@ -238,9 +234,9 @@ def camera(lab: Lab) -> Found:
     opaque = visible(run) & (run.maps.emissivity > _OPAQUE)
     core = float(np.mean(traced[root(run) & opaque])) if (root(run) & opaque).any() else np.nan
     rim = float(np.percentile(traced[opaque], 99.0)) if opaque.any() else np.nan
-    hidden = opaque & (np.abs(traced - background_counts) < _SIGMAS * noise)
+    hidden = opaque & (np.abs(traced - background_counts) < SURE * noise)
     count, invisible_K = float(np.count_nonzero(hidden)), mean_K(run, hidden)
-    return Found(
+    return Results(
         values={
             "background_K": _BACKGROUND_K,
             "before": background_counts,

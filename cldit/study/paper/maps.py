@@ -19,28 +19,28 @@ from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.vapour import vapour_band
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
+from cldit.scene.spray import LagrangianSpray
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.panels import Frame
 from cldit.study.figures import changes_sheet, maps_sheet
-from cldit.study.lab import Lab, open_for
+from cldit.study.lab import GASES_K, Lab, OPEN_s, gdi_in, in_gas, open_for
 from cldit.study.measures import (
     Change,
-    Phases,
     droplets_K,
     mean_emissivity,
     mean_K,
     root,
     spray_of,
     tips,
+    vapour_only,
     visible,
 )
 from cldit.study.page import Row
-from cldit.study.paper.found import Found
+from cldit.study.paper.results import Results
 
 _NAN = float("nan")
 _JET_TIMES_MS = (0.5, 0.7, 0.9)  # after the injector's energisation; the paper names 0.9
 _OPENING_MS = 0.3  # assumed, from energisation to the first fuel, as of solenoid injectors
-_JET_GAS_K = 520.0
 _AXIS_M = 2e-3
 _FAR_M = 0.08
 
@@ -56,7 +56,7 @@ def _along_axis(run: Run) -> tuple[np.ndarray, np.ndarray]:
     return depth[finite] + 2e-3, np.array(means_K)[finite]
 
 
-def methane(lab: Lab) -> Found:
+def methane(lab: Lab) -> Results:
     """The shipped scene at three times."""
     runs: dict[str, Run] = {}
     rows: list[dict[str, float | str]] = []
@@ -75,9 +75,11 @@ def methane(lab: Lab) -> Found:
             }
         )
     latest = rows[-1]
+    assert isinstance(run.scene.spray, LagrangianSpray)
+    gas_K = run.scene.spray.ambient.temperature_K
     emissivity = run.maps.emissivity[spray_of(run).z_m < -_FAR_M]
     largest = max(float(row["largest emissivity"]) for row in rows)
-    return Found(
+    return Results(
         values={
             "most": largest,
             "largest": largest,
@@ -87,7 +89,7 @@ def methane(lab: Lab) -> Found:
             "nozzle_K": latest["T_app at the nozzle / K"],
             "far_K": latest["T_app furthest downstream / K"],
             "far_mm": latest["seen down to / mm"],
-            "core_K": float(latest["T_app at the nozzle / K"]) - _JET_GAS_K,
+            "core_K": float(latest["T_app at the nozzle / K"]) - gas_K,
             "warming": float(spearmanr(depth, warm).statistic) if len(depth) > 2 else _NAN,
         },
         table=rows,
@@ -95,19 +97,9 @@ def methane(lab: Lab) -> Found:
     )
 
 
-# MPa, K of the gas, K of the walls. At 0.4 MPa the paper gives the walls (Fig. 6); that the gas is
-# 115 K above them is assumed, as it is known at 0.6 MPa alone.
-_CONDITIONS = (
-    (0.15, 300.0, 300.0),
-    (0.3, 500.0, 385.0),
-    (0.4, 530.0, 415.0),
-    (0.6, 570.0, 455.0),
-    (0.9, 620.0, 505.0),
-)
 _COLD = {
     "spray.time_s": 0.3e-3,
-    "spray.ambient": {"pressure_Pa": 0.15e6, "temperature_K": 300.0},
-    "walls.temperature_K": 300.0,
+    **in_gas(0.15)[1],
     "background.temperatures_K": [320.0, 345.0, 370.0, 395.0, 420.0],
     "camera.sensor.integration_time_s": 25e-6,
     "plan": {"shots": 19, "references": 19},
@@ -124,7 +116,8 @@ def open_vapour(folder: Path) -> Path:
     """
     band = vapour_band("n-heptane")
     low, high = band.wavenumber_per_cm
-    number = np.arange(2000.0, 5000.1, 5.0)
+    lowest, highest = (1e4 / wavelength_um for wavelength_um in _OPEN_UM[::-1])
+    number = np.arange(lowest, highest + 0.1, 5.0)
     inside = (number >= low) & (number <= high)
     table = []
     for row_K in (200.0, *(float(row) for row in band.rows_K)):
@@ -142,11 +135,11 @@ def open_vapour(folder: Path) -> Path:
     return path
 
 
-def _condition_row(case: str, run: Run, walls_K: float) -> Row:
+def _condition_row(case: str, run: Run) -> Row:
     errors = run.maps.apparent_temperature_standard_error_K[visible(run)]
     return {
         "case": case,
-        "walls / K": walls_K,
+        "walls / K": run.scene.walls.temperature_K,
         "reach / mm": spray_of(run).reach_m * 1e3,
         "T_app below the nozzle / K": mean_K(run, root(run)),
         "T_app at the tips / K": mean_K(run, tips(run)),
@@ -155,15 +148,13 @@ def _condition_row(case: str, run: Run, walls_K: float) -> Row:
     }
 
 
-def conditions(lab: Lab) -> Found:
+def conditions(lab: Lab) -> Results:
     """Four conditions at one wavelength; the coldest through the filter and without it."""
     at: dict[float, Run] = {}
     runs: dict[str, Run] = {}
-    for MPa, gas_K, walls_K in _CONDITIONS:
-        name = "gdi" if MPa == 0.6 else f"gdi-{MPa:g}MPa-{gas_K:g}K"
-        ambient = {"pressure_Pa": MPa * 1e6, "temperature_K": gas_K}
-        scene = lab.gdi(name, {"spray.ambient": ambient, "walls.temperature_K": walls_K})
-        at[MPa] = runs[f"{MPa:g} MPa, {gas_K:g} K"] = lab.run(scene)
+    for MPa in GASES_K:
+        gas, values = in_gas(MPa)
+        at[MPa] = runs[gas] = lab.run(lab.gdi(gdi_in(MPa), values))
     open_values = {
         **_COLD,
         "optics.filter_um": list(_OPEN_UM),
@@ -172,17 +163,13 @@ def conditions(lab: Lab) -> Found:
     filtered = lab.run(lab.gdi("cold-filter", _COLD))
     unfiltered = lab.run(lab.gdi("cold-open", open_values))
     wide = {"filter 3.3 to 3.5 µm": filtered, "no filter, 2 to 5 µm": unfiltered}
-    walls = [row[2] for row in _CONDITIONS] + [300.0, 300.0]
-    rows = [
-        _condition_row(name, run, wall)
-        for (name, run), wall in zip({**runs, **wide}.items(), walls, strict=True)
-    ]
+    rows = [_condition_row(name, run) for name, run in {**runs, **wide}.items()]
     contrast = [mean_K(run, root(run)) - mean_K(run, tips(run)) for run in wide.values()]
     deviations_K = [abs(mean_K(run, visible(run)) - 300.0) for run in wide.values()]
     noise = [float(row["median standard error / K"]) for row in rows[-2:]]
-    dry = Phases.of(at[0.6]).vapour_only
+    gas_K, dry = GASES_K[0.6][0], vapour_only(at[0.6])
     seen_K = at[0.6].maps.apparent_temperature_K[dry]
-    return Found(
+    return Results(
         values={
             "filter_K": deviations_K[0],
             "open_K": deviations_K[1],
@@ -196,8 +183,8 @@ def conditions(lab: Lab) -> Found:
                 spray_of(at[higher_MPa]).reach_m / spray_of(at[lower_MPa]).reach_m
                 for lower_MPa, higher_MPa in pairwise(at)
             ),
-            "dry_change_K": mean_K(at[0.6], dry) - 570.0,
-            "near": 100.0 * float(np.mean(np.abs(seen_K - 570.0) < 20.0)) if seen_K.size else _NAN,
+            "dry_change_K": mean_K(at[0.6], dry) - gas_K,
+            "near": 100.0 * float(np.mean(np.abs(seen_K - gas_K) < 20.0)) if seen_K.size else _NAN,
         },
         table=rows,
         sheets={
@@ -210,7 +197,7 @@ def conditions(lab: Lab) -> Found:
 _TIMES_MS = (0.3, 0.95, 1.5)
 _ORDERS = (0, 1, 2, 3)
 # The paper does not give the duration: open to the end, and the ECN's Spray G, closed at 0.78 ms.
-_DURATIONS_MS = (1.5, 0.78)
+_DURATIONS_MS = (1e3 * OPEN_s, 0.78)
 # Droplets that scatter straight ahead only absorb.
 _AHEAD = {"transport.phase": 0.999}
 
@@ -226,7 +213,7 @@ def _within_1_K(change: Change) -> float:
     return 100 * float(np.mean(np.abs(change.within()) <= 1.0))
 
 
-def order(lab: Lab) -> Found:
+def order(lab: Lab) -> Results:
     """One spray at each time, and a shorter injection; traces of each order and of all orders."""
     cases = [(_DURATIONS_MS[0], time_ms) for time_ms in _TIMES_MS] + [(_DURATIONS_MS[1], 0.95)]
     unlimited: dict[tuple[float, float], Run] = {}
@@ -254,7 +241,7 @@ def order(lab: Lab) -> Found:
     case = _DURATIONS_MS[0], 0.95
     nozzle, downstream = root(unlimited[case]), _beyond(unlimited[case])
     zero = changes[*case, 0]
-    return Found(
+    return Results(
         values={
             **by_duration,
             "orders": ", ".join(str(number) for number in _ORDERS),
@@ -357,7 +344,7 @@ def all_round(run: Run) -> Run:
     return reevaluated(replace(run, spectral=parts, reference=joined(run.reference)), run.scene)
 
 
-def walls(lab: Lab) -> Found:
+def walls(lab: Lab) -> Results:
     """One trace with every wall temperature."""
     run = lab.run(lab.gdi("gdi"))
     cases = {"all round": all_round(run)}
@@ -365,7 +352,7 @@ def walls(lab: Lab) -> Found:
         scene = run.scene.with_(**{"walls.temperature_K": wall_K})
         cases[f"walls {wall_K:g} K"] = reevaluated(run, scene)
     droplets = droplets_K(lab.spray(run.scene), within_m=10e-3)
-    dry = Phases.of(run).vapour_only
+    dry = vapour_only(run)
     below = {name: mean_K(case, root(case)) for name, case in cases.items()}
     vapour_K = {name: mean_K(case, dry) for name, case in cases.items()}
     emissivity = {name: mean_emissivity(case, root(case)) for name, case in cases.items()}
@@ -373,7 +360,7 @@ def walls(lab: Lab) -> Found:
     band = run.quadrature.filter_um
     half = float(np.mean(band_radiance([400.0, 300.0], filter_um=band)))
     seen_K = float(temperature_of_radiance(half, filter_um=band))
-    return Found(
+    return Results(
         values={
             "emissivity_round": emissivity["all round"],
             "emissivity_cold": emissivity["walls 0 K"],

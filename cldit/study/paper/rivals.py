@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.comparison.rivals import drawn, in_band, rivals_of
-from cldit.comparison.unknowns import unknowns_of
+from cldit.comparison.unknowns import Unknown, unknowns_of
 from cldit.dit.design import temperatures_K
 from cldit.dit.separation import LEVEL, NEEDED, Rivals, SeparationTest, fewest
 from cldit.dit.subject import Subject
@@ -19,7 +19,7 @@ from cldit.scene import Scene, load_scene
 from cldit.study.lab import Lab
 from cldit.study.measures import Change
 from cldit.study.page import Row
-from cldit.study.paper.found import Found
+from cldit.study.paper.results import Results
 from cldit.study.paper.variants import OTHERS, REFERENCE
 
 _MODELS = (REFERENCE, *OTHERS)
@@ -32,7 +32,7 @@ _LEAST_EMISSIVITY = 0.05  # also of extinction, of which a few droplets make as 
 _CAMPAIGNS = {False: 20, True: 6}  # of each model, by `quick`
 
 
-def models(lab: Lab, campaigns: int | None = None) -> Found:
+def models(lab: Lab, campaigns: int | None = None) -> Results:
     """All pairs of four models, by three observables; and simulated campaigns of one injection.
 
     campaigns: of each model; None: 20, or 6 with `quick`. The runs are not audited: their errors
@@ -49,17 +49,8 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         return lab.run(scene if band is None else in_band(scene, band))
 
     runs = [{name: run(scene, band) for name, scene in scenes.items()} for band in bands]
-
-    def rivals(of: Mapping[str, Run], name: str) -> Rivals:
-        return rivals_of(
-            of[REFERENCE],
-            of[name],
-            lambda scene, _: lab.run(scene),
-            unknowns=unknowns,
-            least_emissivity=_LEAST_EMISSIVITY,
-        )
-
-    against = [{name: rivals(of, name) for name in _MODELS} for of in runs]
+    against = [{name: _rivals(lab, of[REFERENCE], of[name], unknowns) for name in _MODELS}
+               for of in runs]  # fmt: skip
     low_K, high_K = (pick(scenes[REFERENCE].background.temperatures_K) for pick in (min, max))
     backgrounds = temperatures_K(low_K, high_K, _BACKGROUNDS)
     pairs = {
@@ -85,27 +76,40 @@ def models(lab: Lab, campaigns: int | None = None) -> Found:
         row = _row(pair, of, joint, [runs[0][name] for name in pair])
         rows.append({**row, "confirmed": f"{separated} of {count_of_pair}"})
     mixing = next(unknown for unknown in unknowns if unknown.key == "spray.mixing_length")
-    reference = runs[0][REFERENCE]
-    eddies = lab.run(reference.scene.with_(**mixing.values(1.0)))
-    return Found(
+    eddies = lab.run(runs[0][REFERENCE].scene.with_(**mixing.values(1.0)))
+    return Results(
         values={
-            "needed": NEEDED,
             "unknowns": ", ".join(unknown.text for unknown in unknowns),
-            "pairs": sum(row["separated by"] != "none" for row in rows),
-            "all_pairs": len(rows),
             "confirmed": right,
             "asked": asked,
             "confirmed_share": right / asked if asked else float("nan"),
             "excluded": wrong,
             "campaigns": len(data),
-            **{
-                word: max(float(row[f"{name}, sigma"]) for row in rows)
-                for word, name in zip(("t_app", "emissivity", "extinction"), _ALONE, strict=True)
-            },
+            **_separated(rows),
             **_compared(runs[0], eddies),
         },
         table=rows,
         repeated=False,
+    )
+
+
+def _separated(rows: Sequence[Row]) -> dict[str, float]:
+    """Number of separated pairs, and the largest distance by each observable."""
+    largest = {
+        word: max(float(row[f"{name}, sigma"]) for row in rows)
+        for word, name in zip(("t_app", "emissivity", "extinction"), _ALONE, strict=True)
+    }
+    separated = sum(row["separated by"] != "none" for row in rows)
+    return {"needed": NEEDED, "pairs": separated, "all_pairs": len(rows), **largest}
+
+
+def _rivals(lab: Lab, reference: Run, rival: Run, unknowns: Sequence[Unknown]) -> Rivals:
+    return rivals_of(
+        reference,
+        rival,
+        lambda scene, _: lab.run(scene),
+        unknowns=unknowns,
+        least_emissivity=_LEAST_EMISSIVITY,
     )
 
 

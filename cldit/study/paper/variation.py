@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -16,29 +16,15 @@ from scipy import stats
 from cldit.scene.spray import LagrangianSpray
 from cldit.study.lab import Lab
 from cldit.study.page import Row
-from cldit.study.paper.found import Found, Value
+from cldit.study.paper.results import Results, Value
 
 _SIGMA = 0.8413  # quantile of one standard error
 MOST_SEEDS = {False: 4, True: 2}  # by `quick`
 
 
-@dataclass(frozen=True)
-class Repeated:
-    """Means of a study over its random numbers, and their standard errors.
-
-    errors, row_errors: of values and of rows; empty if the study traces nothing. seeds: the random
-    numbers; empty if no spray is computed.
-    """
-
-    mean: Found
-    errors: Mapping[str, float]
-    row_errors: Sequence[Mapping[str, float]]
-    seeds: tuple[int, ...] = ()
-
-
 def repeat(
-    study: Callable[[Lab], Found], lab: Lab, *, decided: Callable[[Repeated], bool]
-) -> Repeated:
+    study: Callable[[Lab], Results], lab: Lab, *, decided: Callable[[Results], bool]
+) -> Results:
     """Runs `study` with the seed of `lab`, on its cells and on cells of twice the edge.
 
     If it has computed sprays, further seeds follow until all verdicts are `decided`, at least one
@@ -46,7 +32,7 @@ def repeat(
     """
     initial = study(lab)
     if not lab.used or not initial.repeated:
-        return Repeated(initial, {}, ())
+        return initial
     aside = replace(lab, used={})
     coarse = study(replace(aside, coarser=2.0))
     repetitions = [initial]
@@ -54,19 +40,22 @@ def repeat(
         return replace(_combined(repetitions, coarse, first_seed=lab.seed), seeds=())
     while True:
         repetitions.append(study(replace(aside, seed=lab.seed + len(repetitions))))
-        repeated = _combined(repetitions, coarse, first_seed=lab.seed)
-        if len(repetitions) >= MOST_SEEDS[lab.quick] or decided(repeated):
-            return repeated
+        combined = _combined(repetitions, coarse, first_seed=lab.seed)
+        if len(repetitions) >= MOST_SEEDS[lab.quick] or decided(combined):
+            return combined
 
 
-def _combined(repetitions: Sequence[Found], coarse: Found, *, first_seed: int) -> Repeated:
+def _combined(repetitions: Sequence[Results], coarse: Results, *, first_seed: int) -> Results:
+    """Means over the repetitions, and their standard errors."""
     values, errors = _means([repetition.values for repetition in repetitions], coarse.values)
     pairs = [
         _means(rows[:-1], rows[-1])
         for rows in zip(*(repetition.table for repetition in (*repetitions, coarse)), strict=True)
     ]
-    return Repeated(
-        mean=replace(repetitions[0], values=values, table=[row for row, _ in pairs]),
+    return replace(
+        repetitions[0],
+        values=values,
+        table=[row for row, _ in pairs],
         errors=errors,
         row_errors=[row for _, row in pairs],
         seeds=tuple(range(first_seed, first_seed + len(repetitions))),

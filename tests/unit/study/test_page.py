@@ -20,7 +20,6 @@ from cldit.study.page import (
     OPEN,
     StudyPage,
     Verdict,
-    summary,
     write_overview,
     write_page,
 )
@@ -121,4 +120,3 @@ def test_place_that_cannot_be_written(tmp_path: Path) -> None:
 def test_without_verdicts() -> None:
     page = StudyPage(name="n", title="t", figure="f", text="", figures={}, table=())
     assert "Against the paper" not in page.html().html()
-    assert summary(()) == "All 0 statements agree."

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cldit.accuracy.errors import Cause, Errors
 from cldit.run import open_run
-from cldit.study.dataset import Result
+from cldit.study.dataset import results_of
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
 
@@ -18,8 +18,8 @@ def test_the_stated_error_of_a_scene_is_in_the_sweep() -> None:
 
     def figures(*causes: Cause) -> tuple[float, float]:
         errors = Errors(causes) if causes else None
-        found = Result.of(replace(run, info=replace(run.info, errors=errors))).figures
-        return found["error_K"], found["error_at_least"]
+        results = results_of(replace(run, info=replace(run.info, errors=errors)))
+        return float(results["error_K"]), float(results["error_at_least"])
 
     known = (Cause("cells", 0.3, ""), Cause("classes", 0.4, ""))
     assert figures(*known) == (0.5, 0.0)

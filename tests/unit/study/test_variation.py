@@ -14,25 +14,27 @@ from cldit.errors import StudyError
 from cldit.scene import Scene
 from cldit.study.lab import Lab
 from cldit.study.paper import STUDIES, studies_of
-from cldit.study.paper.found import Found, sentences
-from cldit.study.paper.variation import MOST_SEEDS, Repeated, repeat
+from cldit.study.paper.results import Results, sentences
+from cldit.study.paper.variation import MOST_SEEDS, repeat
 
 _NOISE = np.random.default_rng(3).normal(size=100)
 
 
-def _study(lab: Lab, *, chance: float, step: float, model: str = "lagrangian") -> Found:
+def _study(lab: Lab, *, chance: float, step: float, model: str = "lagrangian") -> Results:
     """Figure of 5 with an error of `step` times the cells' edge, and noise."""
     scene = lab.gdi("gdi")
     lab.used["gdi"] = scene if model == "lagrangian" else replace_spray(scene)
     value = 5.0 + step * lab.coarser + chance * float(_NOISE[lab.seed])
-    return Found(values={"value": value, "name": "text"}, table=[{"case": "a", "value / K": value}])
+    return Results(
+        values={"value": value, "name": "text"}, table=[{"case": "a", "value / K": value}]
+    )
 
 
 def replace_spray(scene: Scene) -> Scene:
     return scene.with_(spray={"model": "none"})
 
 
-def _never(_: Repeated) -> bool:
+def _never(_: Results) -> bool:
     return False
 
 
@@ -42,7 +44,7 @@ def test_error_of_cells_is_the_step_between_them() -> None:
     assert found.seeds == (1, 2)
     assert found.errors == pytest.approx({"value": 0.7})
     assert found.row_errors[0]["value / K"] == pytest.approx(0.7)
-    assert found.mean.values["name"] == "text"
+    assert found.values["name"] == "text"
 
 
 def test_error_by_chance_holds_the_truth() -> None:
@@ -53,14 +55,14 @@ def test_error_by_chance_holds_the_truth() -> None:
         lab = replace(Lab(), seed=first)
         found = repeat(lambda lab: _study(lab, chance=1.0, step=0.0), lab, decided=_never)
         assert len(found.seeds) == MOST_SEEDS[False]
-        inside += abs(float(found.mean.values["value"]) - 5.0) < found.errors["value"]
+        inside += abs(float(found.values["value"]) - 5.0) < found.errors["value"]
     assert 9 <= inside <= 23
 
 
 def test_what_is_not_random_is_repeated_on_coarser_cells_alone() -> None:
     ran: list[Lab] = []
 
-    def study(lab: Lab) -> Found:
+    def study(lab: Lab) -> Results:
         ran.append(lab)
         return _study(lab, chance=1.0, step=0.7, model="none")
 
@@ -71,7 +73,7 @@ def test_what_is_not_random_is_repeated_on_coarser_cells_alone() -> None:
 
 
 def test_what_traces_nothing_has_no_error() -> None:
-    found = repeat(lambda lab: Found(values={"n": 1.3}, table=[]), Lab(), decided=_never)
+    found = repeat(lambda lab: Results(values={"n": 1.3}, table=[]), Lab(), decided=_never)
     assert found.errors == {}
 
 

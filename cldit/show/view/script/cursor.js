@@ -67,47 +67,20 @@ function follow(figure) {
 
 function moved() {
   for (const figure of figures) figure.mark(state.cursor, state.line);
-  probe().catch(problem);
-  along().catch(problem);
+  probe();
+  along();
 }
 
-let probing = false, probeAgain = false;
-async function probe() {
-  if (probing) {
-    probeAgain = true;
-    return;
-  }
-  probing = true;
-  try {
-    do {
-      probeAgain = false;
-      if (!state.cursor) continue;
-      const [x_mm, z_mm] = state.cursor, shown = shownItems();
-      const found = await ask("probe", { x_mm, z_mm, shown });
-      showReadout(x_mm, z_mm, shown, found);
-    } while (probeAgain);
-  } finally {
-    probing = false;
-  }
-}
+const probe = latest(async () => {
+  if (!state.cursor) return;
+  const [x_mm, z_mm] = state.cursor, shown = shownItems();
+  showReadout(x_mm, z_mm, shown, await ask("probe", { x_mm, z_mm, shown }));
+});
 
-let lining = false, lineAgain = false;
-async function along() {
-  if (lining) {
-    lineAgain = true;
-    return;
-  }
-  lining = true;
-  try {
-    do {
-      lineAgain = false;
-      if (!state.line || state.line[0].every((one, axis) => one === state.line[1][axis])) continue;
-      const [from, to] = state.line;
-      const { lines } = await ask("profile", { from, to });
-      const { short, unit } = QUANTITIES[state.quantity];
-      if (lines.length) profile.show(lines, names, state.other === null ? 1 : 2, `${short}${unit ? ` / ${unit}` : ""}`);
-    } while (lineAgain);
-  } finally {
-    lining = false;
-  }
-}
+const along = latest(async () => {
+  if (!state.line || state.line[0].every((one, axis) => one === state.line[1][axis])) return;
+  const [from, to] = state.line;
+  const { lines } = await ask("profile", { from, to });
+  const { short, unit } = QUANTITIES[state.quantity];
+  if (lines.length) profile.show(lines, names, state.other === null ? 1 : 2, `${short}${unit ? ` / ${unit}` : ""}`);
+});

@@ -36,3 +36,19 @@ function loaded(index) {
   })();
   return loading[index];
 }
+
+// Function that begins the work and returns its promise. While it is busy, it keeps only that it was
+// asked again, and then works once more, with the state of that moment.
+function latest(work) {
+  let again = false;
+  const run = () => {
+    again = run.busy !== null;
+    run.busy ??= work().catch(problem).then(() => {
+      run.busy = null;
+      return again ? run() : null;
+    });
+    return run.busy;
+  };
+  run.busy = null;
+  return run;
+}

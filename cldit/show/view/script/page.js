@@ -24,23 +24,8 @@ function panelsOf() {
   return [{ ...plain, items: [one] }, { ...plain, items: [other] }, { ...apart, items: [one, other] }];
 }
 
-// Draws the newest state; while the worker is busy, only the last request is kept.
-let busy = null, again = false;
-function redraw() {
-  if (busy) {
-    again = true;
-    return busy;
-  }
-  busy = drawOnce().catch(problem).then(() => {
-    busy = null;
-    if (!again) return null;
-    again = false;
-    return redraw();
-  });
-  return busy;
-}
-
-async function drawOnce() {
+// Draws the newest state.
+const redraw = latest(async () => {
   const start = performance.now();
   // The state may change while the worker works: all below belongs to this moment.
   const panels = panelsOf(), { quantity } = state;
@@ -78,7 +63,7 @@ async function drawOnce() {
   await Promise.all([probe(), along()]);
   document.body.dataset.drawn = String(Number(document.body.dataset.drawn ?? 0) + 1);
   state.ms = { worker: found.ms, all: performance.now() - start };
-}
+});
 
 // The address keeps the settings, once they rest: browsers limit how often it may change.
 let linking = null;
@@ -232,27 +217,24 @@ function wire() {
   $("frames").hidden = $("beside").hidden = HEADS.length < 2;
   $("frame").max = HEADS.length - 1;
   const on = (id, kind, act) => $(id).addEventListener(kind, act);
+  const renew = () => {
+    showControls();
+    redraw();
+  };
   for (const name of ["quantity", "colours", "diverging"]) {
     on(name, "change", () => {
       state[name] = $(name).value;
-      showControls();
-      redraw();
+      renew();
     });
   }
   on("frame", "input", () => {
     state.one = $("frame").valueAsNumber;
     $("frame").setAttribute("aria-valuetext", HEADS[state.one].name);
-    loaded(state.one).then(() => {
-      showControls();
-      redraw();
-    }).catch(problem);
+    loaded(state.one).then(renew).catch(problem);
   });
   on("other", "change", () => {
     state.other = $("other").value === "" ? null : Number($("other").value);
-    loaded(state.other ?? state.one).then(() => {
-      showControls();
-      redraw();
-    }).catch(problem);
+    loaded(state.other ?? state.one).then(renew).catch(problem);
   });
   for (const [n, id] of ["low", "high"].entries()) {
     on(id, "change", () => {
@@ -314,7 +296,7 @@ window.cldit = {
     return this.drawn();
   },
   async drawn() {
-    while (busy) await busy;
+    while (redraw.busy) await redraw.busy;
   },
   look,
   scene: (index) => scenes[index],

@@ -17,7 +17,7 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.weights import Weights
 from cldit.run import open_run
 from cldit.scene import load_scene, parse_scene
-from cldit.show.figures.maps import Shares
+from cldit.show.figures.maps import shares_of_light
 from cldit.show.figures.optics_figures import optics_figure
 from cldit.show.figures.readable import human, human_figures
 from cldit.show.figures.style import png_of
@@ -51,8 +51,8 @@ def test_a_share_that_is_nowhere_visible_has_no_panel() -> None:
     ones = np.ones((2, 3), np.float32)
     weights = Weights(0.0 * ones, 0.0 * ones, ones, 0.01 * ones)
     bare = Weights(ones, 0.0 * ones, 0.0 * ones, 0.0 * ones)
-    shares = Shares.of(weights, bare, background=1.0, wall=1.0)
-    assert [panel.title for panel in shares.panels()] == ["share of vapour in the signal"]
+    panels, _ = shares_of_light(weights, bare, background=1.0, wall=1.0, patches={})
+    assert [panel.title for panel in panels] == ["share of vapour in the signal"]
 
 
 @pytest.mark.parametrize(

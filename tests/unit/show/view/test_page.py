@@ -6,7 +6,9 @@ import base64
 import re
 import shutil
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from cldit.errors import FileError, RunFolderError
 from cldit.run.result import save_run
 from cldit.scene.spray import ConeSpray
 from cldit.show.view import page_html, save_page, view_items
-from cldit.show.view.packing import MANTISSA_BITS, Packed, packed, rounded
+from cldit.show.view.packing import MANTISSA_BITS, packed, rounded
 from cldit.show.view.traced import traced_item
 from tests.viewed import made_run, scene_for
 
@@ -131,10 +133,10 @@ def test_a_folder_that_cannot_be_written_leaves_the_page_in_the_cache(
     assert opened == [page.as_uri()]
 
 
-def unpacked(given: Packed) -> NDArray[np.float32]:
+def unpacked(head: Mapping[str, Any], text: str) -> NDArray[np.float32]:
     """As unpack.js does it for float32."""
-    data = zlib.decompress(base64.b64decode(given.text))
-    planes = np.frombuffer(data, np.uint8).reshape(4, given.count)
+    data = zlib.decompress(base64.b64decode(text))
+    planes = np.frombuffer(data, np.uint8).reshape(4, head["count"])
     folded = np.ascontiguousarray(planes.T).view("<u4").reshape(-1)
     step = (folded >> 1) ^ (0 - (folded & 1)).astype(np.uint32)
     return np.cumsum(step, dtype=np.uint32).view(np.float32)
@@ -160,5 +162,5 @@ def test_numbers_come_back_bit_for_bit() -> None:
     values = rng.standard_normal((30, 40)).astype(np.float32)
     values[3, 4] = np.nan
     values[5, 6:9] = [0.0, -np.inf, 3e38]
-    back = unpacked(packed(values)).reshape(values.shape)
+    back = unpacked(*packed(values)).reshape(values.shape)
     assert np.array_equal(back.view(np.uint32), values.view(np.uint32))

@@ -54,7 +54,7 @@ def by_node(folder: Path, program: str, scripts: Sequence[str], *arguments: Path
 def item_data(item: Item) -> dict[str, Any]:
     """Head and packed arrays of an item, as the page passes them to its worker."""
     arrays = {name: packed(array) for name, array in item.arrays.items()}
-    plain = {name: {"head": array.head, "text": array.text} for name, array in arrays.items()}
+    plain = {name: {"head": head, "text": text} for name, (head, text) in arrays.items()}
     return {"head": item.head, "arrays": plain}
 
 

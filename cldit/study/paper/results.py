@@ -19,17 +19,22 @@ Value = float | str
 
 
 @dataclass(frozen=True)
-class Found:
-    """Results of a study: values for its sentences, drawn or captioned figures, and a table.
+class Results:
+    """Results of a study: values for its sentences, a table, and figures by the names of their
+    captions.
 
-    repeated: False if the study has repetitions of its own.
+    repeated: False if the study has repetitions of its own. errors, row_errors: standard errors of
+    values and of rows, empty without repetitions. seeds: of the sprays over which values and rows
+    are means; empty if no spray is computed.
     """
 
     values: Mapping[str, Value]
     table: Sequence[Row]
     sheets: Mapping[str, Drawn] = field(default_factory=dict)
-    figures: Mapping[str, Figure] = field(default_factory=dict)
     repeated: bool = True
+    errors: Mapping[str, float] = field(default_factory=dict)
+    row_errors: Sequence[Mapping[str, float]] = ()
+    seeds: tuple[int, ...] = ()
 
 
 @cache
@@ -38,13 +43,7 @@ def sentences() -> dict[str, Any]:
     return read_mapping(Path(__file__).with_name("studies.yaml"), error=StudyError)
 
 
-def page_of(
-    name: str,
-    results: Found,
-    *,
-    errors: Mapping[str, float],
-    row_errors: Sequence[Mapping[str, float]] = (),
-) -> StudyPage:
+def page_of(name: str, results: Results) -> StudyPage:
     """Page of the study `name`: its sentences with the values filled in, and errors of values."""
     study, values = sentences()[name], results.values
 
@@ -54,23 +53,23 @@ def page_of(
     def number(value: Value | None) -> float | None:
         return float(values[value]) if isinstance(value, str) else value
 
-    captions = {key: filled(text) for key, text in study.get("figures", {}).items()}
     return StudyPage(
         name=name,
         title=study["title"],
         figure=study["figure"],
         text=filled(study["text"]),
         figures={
-            **{key: Figure.of(sheet, captions[key]) for key, sheet in results.sheets.items()},
-            **results.figures,
+            key: Figure.of(sheet, filled(study["figures"][key]))
+            for key, sheet in results.sheets.items()
         },
         table=results.table,
-        row_errors=row_errors,
+        row_errors=results.row_errors,
+        seeds=results.seeds,
         verdicts=tuple(
             Verdict(
                 claim=filled(claim["claim"]),
                 value=float(values[claim["value"]]),
-                error=errors.get(claim["value"], 0.0),
+                error=results.errors.get(claim["value"], 0.0),
                 unit=claim.get("unit", ""),
                 low=number(claim.get("low")),
                 high=number(claim.get("high")),
