@@ -19,9 +19,9 @@ from cldit.gpu.device import Device
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     HEPTANE_DIFFUSION_VOLUME,
-    NITROGEN,
     NITROGEN_DIFFUSION_VOLUME,
     HEPTANE_CRITICAL_Pa,
+    NITROGEN_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_latent_heat_J_kg,
     heptane_liquid_conductivity_W_m_K,
@@ -32,6 +32,7 @@ from cldit.spray.cone.fluid_properties import (
     heptane_vapour_cp_J_kg_K,
     heptane_vapour_viscosity_Pa_s,
     nitrogen_conductivity_W_m_K,
+    nitrogen_cp_J_kg_K,
     nitrogen_viscosity_Pa_s,
 )
 from cldit.spray.droplet.arrays import DropletKernels
@@ -77,14 +78,14 @@ def fluids() -> tuple[Fuel, Gas]:
     )
     carrier = Gas(
         name="nitrogen",
-        molar_mass_kg_mol=NITROGEN.molar_mass_kg_mol,
+        molar_mass_kg_mol=NITROGEN_MOLAR_MASS_kg_mol,
         diffusion_volume=NITROGEN_DIFFUSION_VOLUME,
         critical_K=126.2,
         critical_Pa=3.396e6,
         vapour=curves(
             gas,
             {
-                "cp": NITROGEN.cp_J_kg_K(gas),
+                "cp": nitrogen_cp_J_kg_K(gas),
                 "conductivity": nitrogen_conductivity_W_m_K(gas),
                 "viscosity": nitrogen_viscosity_Pa_s(gas),
             },

@@ -14,6 +14,7 @@ from cldit.errors import SprayError
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, HIGHEST_Pa
 
+GAS_TOLERANCE = 1e-2  # of a droplet's step in a computed gas, which is not more accurate
 _ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
 
 

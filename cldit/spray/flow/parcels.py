@@ -18,6 +18,7 @@ from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
 from cldit.gpu.program import Define, build
 from cldit.scene.spray import LagrangianSpray
+from cldit.spray.droplet.advance import GAS_TOLERANCE
 from cldit.spray.droplet.fluids import Fuel, Gas, property_table
 from cldit.spray.droplet.models import MODELS, inert
 from cldit.spray.flow.gas import GasFlow
@@ -25,7 +26,6 @@ from cldit.spray.flow.injector import Injection
 from cldit.spray.flow.ray_fields import GROUP
 
 SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from the tip
-TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
 REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 NEAR_m = 10e-3  # distance up to which it flies as fast
 STATION_m = 15e-3  # below the injector, where the ECN measures droplets
@@ -131,7 +131,7 @@ class Cloud:
             "total_scales": self._single("scales of totals", np.array(self._total_scales)),
             "failed": self._failed,
             "capacity": self.capacity,
-            "tolerance": TOLERANCE,
+            "tolerance": GAS_TOLERANCE,
             "zero_enthalpy": flow.mixture.zero_J_kg,
             "station": -STATION_m,
             "seed": spec.seed,

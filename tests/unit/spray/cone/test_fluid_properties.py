@@ -10,7 +10,11 @@ import pytest
 
 from cldit.scene.sizes import NukiyamaTanasawa
 from cldit.spray.cone import fluid_properties as fuel
-from cldit.spray.cone.fluid_properties import NITROGEN, heptane_density_kg_m3
+from cldit.spray.cone.fluid_properties import (
+    heptane_density_kg_m3,
+    nitrogen_cp_J_kg_K,
+    nitrogen_enthalpy_J_kg,
+)
 from cldit.spray.cone.wet_bulb import at_rest, d2_law, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
@@ -30,7 +34,7 @@ def test_latent_heat_between_the_enthalpies() -> None:
     [
         (fuel.heptane_liquid_enthalpy_J_kg, fuel.heptane_liquid_cp_J_kg_K),
         (fuel.heptane_vapour_enthalpy_J_kg, fuel.heptane_vapour_cp_J_kg_K),
-        (NITROGEN.enthalpy_J_kg, NITROGEN.cp_J_kg_K),
+        (nitrogen_enthalpy_J_kg, nitrogen_cp_J_kg_K),
     ],
     ids=["liquid", "vapour", "nitrogen"],
 )
@@ -46,7 +50,7 @@ def test_far_outside_the_fits_everything_stays_finite_and_rising() -> None:
     for enthalpy in (
         fuel.heptane_liquid_enthalpy_J_kg,
         fuel.heptane_vapour_enthalpy_J_kg,
-        NITROGEN.enthalpy_J_kg,
+        nitrogen_enthalpy_J_kg,
     ):
         assert np.all(np.diff(enthalpy(t)) > 0)
 
