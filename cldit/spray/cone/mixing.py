@@ -8,7 +8,6 @@ not had time for equilibrium, the evaporated share is the second axis of the tab
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +18,7 @@ from cldit.arrays import Floats, Ints
 from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.io.free_memory import parts
+from cldit.spray.bisection import rising_root
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     HEPTANE_CRITICAL_Pa,
@@ -34,8 +34,6 @@ from cldit.spray.cone.fluid_properties import (
 from cldit.spray.cone.wet_bulb import at_rest
 from cldit.spray.droplet.arrays import DropletKernels
 
-_HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
-_ZOOMS = 7  # each by 299: 1e15, down to rounding
 _FINE = 400  # entries in the range of liquid: steps of 4 % in B, 1e7^(1/399)
 # Evaporated shares from 0 to 1, linear between them. Rich mixtures are saturated at a share of some
 # 1 %, so steps grow from 0.02 to 2.5 %: gas within 5 K at B up to 100, where even ones leave 44 K.
@@ -296,23 +294,13 @@ def _table(
 
 def _saturation(**conditions: float) -> float:
     """Ratio B at which the last liquid evaporates, from tables of increasing resolution."""
-    low, high = 1e-9, 1e6
-    for _ in range(_ZOOMS):
-        ratio = np.geomspace(low, high, 300)
+    low, high, steps = 1e-9, 1e6, 299
+    zooms = np.log(np.log(high / low) / np.finfo(float).eps) / np.log(steps)  # down to rounding
+    for _ in range(int(np.ceil(zooms))):
+        ratio = np.geomspace(low, high, steps + 1)
         _, share = heptane_state(ratio, **conditions)
         index = int(np.argmax(share < 1))
         if share[index] == 1 or index == 0:
             return float("nan")  # all or none evaporates in every mixture
         low, high = ratio[index - 1], ratio[index]
     return float(low)
-
-
-def rising_root(
-    excess: Callable[[Floats], Floats], low: Floats, high: Floats, *, halvings: int = _HALVINGS
-) -> Floats:
-    """Root of a rising function between two bounds, element by element, by bisection."""
-    for _ in range(halvings):
-        middle = 0.5 * (low + high)
-        above = excess(middle) > 0
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return 0.5 * (low + high)

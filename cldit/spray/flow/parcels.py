@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.arrays import Floats, Ints, Reals
+from cldit.arrays import Floats, Reals
 from cldit.errors import SprayError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
@@ -40,14 +40,13 @@ _MOST_EXCHANGED, _MOST_J_kg, _HOTTEST_K = 1e6, 1e7, 1e4
 class FlyingParcels:
     """Parcels in flight.
 
-    mass_kg, temperature_K: of one droplet, (N,). droplets, hole: (N,). position_m, velocity_m_s:
+    mass_kg, temperature_K: of one droplet, (N,). droplets: (N,). position_m, velocity_m_s:
     (N, 3).
     """
 
     mass_kg: Floats
     temperature_K: Floats
     droplets: Floats
-    hole: Ints
     position_m: Floats
     velocity_m_s: Floats
 
@@ -266,7 +265,6 @@ class Cloud:
             mass_kg=state[0, flying],
             temperature_K=state[1, flying],
             droplets=injection.droplets[:born][flying].astype(np.float32).astype(np.float64),
-            hole=injection.hole[:born][flying],
             velocity_m_s=state[2:5, flying].T.copy(),
             position_m=state[5:8, flying].T.copy(),
         )
