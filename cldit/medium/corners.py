@@ -18,11 +18,10 @@ from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.gpu.buffers import Numbers, upload
 from cldit.gpu.device import Device
-from cldit.medium.frame import TOLERANCE, Frame
+from cldit.medium.frame import AT_ONCE, TOLERANCE, Frame
 
 BITS = 31  # of the cube's edge
 _OUTSIDE = 1e-9  # share of the cube's edge by which rounding may place a corner outside
-_AT_ONCE = 4_000_000  # boxes of a buffer
 
 
 def refuse(frame: Frame, content: str, share: float, place_m: Floats) -> NoReturn:
@@ -79,7 +78,7 @@ class Corners:
         """Parts of the boxes and their corners on a device, (6, n), which stay there."""
         if device.opened not in self._buffers:
             count, stacked = self.low.shape[1], np.vstack([self.low, self.high])
-            parts = [slice(n, min(n + _AT_ONCE, count)) for n in range(0, count, _AT_ONCE)]
+            parts = [slice(n, min(n + AT_ONCE, count)) for n in range(0, count, AT_ONCE)]
             buffers = [upload(device, "boxes", stacked[:, part]) for part in parts]
             self._buffers[device.opened] = list(zip(parts, buffers, strict=True))
         return iter(self._buffers[device.opened])
