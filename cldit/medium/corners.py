@@ -21,7 +21,6 @@ from cldit.gpu.device import Device
 from cldit.medium.frame import AT_ONCE, TOLERANCE, Frame
 
 BITS = 31  # of the cube's edge
-_OUTSIDE = 1e-9  # share of the cube's edge by which rounding may place a corner outside
 
 
 def refuse(frame: Frame, content: str, share: float, place_m: Floats) -> NoReturn:
@@ -53,7 +52,8 @@ class Corners:
             for along, at_m, origin_m in zip(corner, place_m.T, cube.lower_m, strict=True):
                 np.subtract(at_m, origin_m, out=along)
         corners /= cube.edge_m
-        slack = _OUTSIDE * (1.0 + np.abs(corners[0]).max(initial=0.0))
+        # Rounding may place a corner two units outside, 1e-9 of the edge.
+        slack = 2.0 ** (1 - BITS) * (1.0 + np.abs(corners[0]).max(initial=0.0))
         lowest, highest = corners.min(initial=0.0), corners.max(initial=1.0)
         if lowest < -slack or highest > 1.0 + slack:
             outside = np.any((corners < -slack) | (corners > 1.0 + slack), axis=(0, 1))
