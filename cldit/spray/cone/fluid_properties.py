@@ -32,7 +32,7 @@ COEFFICIENTS: dict[str, tuple[tuple[float, ...], ...]] = {
         (2.926640, 1.4879768e-3, -5.684760e-7, 1.0097038e-10, -6.753351e-15),
     ),
 }
-_LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; constant from here
+HEPTANE_LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; constant from here
 
 
 def heptane_saturation_pressure_Pa(temperature_K: ArrayLike) -> Floats:
@@ -59,7 +59,11 @@ def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
     a^2/t + b - 2act - adt^2 - c^2t^3/3 - cdt^4/2 - d^2t^5/5
     """
     ((a, b, c, d),) = COEFFICIENTS["heptane liquid cp"]
-    t = 1 - np.minimum(np.asarray(temperature_K, dtype=float), _LIQUID_MAX_K) / HEPTANE_CRITICAL_K
+    t = (
+        1
+        - np.minimum(np.asarray(temperature_K, dtype=float), HEPTANE_LIQUID_MAX_K)
+        / HEPTANE_CRITICAL_K
+    )
     slow = t * (2 * a * c + t * (a * d + t * (c * c / 3 + t * (c * d / 2 + t * d * d / 5))))
     return np.asarray(a * a / t + b - slow)
 
@@ -77,14 +81,14 @@ def heptane_vapour_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
 def _liquid_integral(temperature_K: Floats) -> Floats:
     """Integral of the liquid's cp over T, by the closed form of NSRDS 14."""
     ((a, b, c, d),) = COEFFICIENTS["heptane liquid cp"]
-    held = np.minimum(temperature_K, _LIQUID_MAX_K)
+    held = np.minimum(temperature_K, HEPTANE_LIQUID_MAX_K)
     t = 1 - held / HEPTANE_CRITICAL_K
     powers = (
         a * a * np.log(t)
         + b * t
         - t * t * (a * c + t * (a * d / 3 + t * (c * c / 12 + t * (c * d / 10 + t * d * d / 30))))
     )
-    beyond = (temperature_K - held) * heptane_liquid_cp_J_kg_K(_LIQUID_MAX_K)
+    beyond = (temperature_K - held) * heptane_liquid_cp_J_kg_K(HEPTANE_LIQUID_MAX_K)
     return np.asarray(-HEPTANE_CRITICAL_K * powers + beyond)
 
 

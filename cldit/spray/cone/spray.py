@@ -77,9 +77,8 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
         "vapour_mass_kg": float(gone.sum()),
         "liquid_mass_kg": 0.0 if parcels is None else parcels.mass_kg,
     }
-    if source.bulb is not None:
-        notes["wet_bulb_K"] = source.bulb.temperature_K
-        notes["evaporation_rate_m2_s"] = source.bulb.rate_m2_s
+    if source.kernels is not None:
+        notes |= {"wet_bulb_K": source.wet_bulb_K, "evaporation_rate_m2_s": source.rate_m2_s}
     if np.isfinite(source.mixture.saturation_K):
         notes["saturation_K"] = source.mixture.saturation_K
         notes["saturation_fuel_ratio"] = source.mixture.saturation_B
@@ -122,10 +121,10 @@ def _parcels(
     a parcel for each size class. The classes have equal mass and fill the cell uniformly: nothing
     is random.
     """
-    if source.bulb is not None:
+    if source.kernels is not None:
         liquid[thinnest(liquid, THIN * liquid.sum())] = 0.0
     wet = np.flatnonzero(liquid > 0)
-    if source.sizes is None or not wet.size:
+    if not wet.size:
         return None, np.zeros(len(liquid))
     count = spec.classes
     temperature = liquid_K[wet]
