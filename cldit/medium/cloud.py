@@ -76,9 +76,9 @@ class Kernel:
         limit = _WIDEST**2 * float(places.var(axis=0).sum())
         tree = scipy.spatial.cKDTree(places)
         moved, covariance = np.empty_like(places), np.empty((len(places), 3, 3))
-        together = AT_ONCE // count
-        for start in range(0, len(places), together):
-            part = slice(start, start + together)
+        part_size = AT_ONCE // count
+        for start in range(0, len(places), part_size):
+            part = slice(start, start + part_size)
             neighbours = places[tree.query(places[part], count, workers=-1)[1]]
             mean = neighbours.mean(axis=1)
             offset = neighbours - mean[:, None]
@@ -162,5 +162,8 @@ def variants(spray: Spray, *, kernel: Kernel, seed: int) -> tuple[Spray, Spray, 
     one_half, rest = (
         kernel.spread(half) for half in halves(spray.parcels, seed=seed, copies=copies_of(spray))
     )
-    first, second, narrower = (replace(spray, parcels=made) for made in (one_half, rest, narrow))
-    return first, second, narrower
+    return (
+        replace(spray, parcels=one_half),
+        replace(spray, parcels=rest),
+        replace(spray, parcels=narrow),
+    )

@@ -15,7 +15,6 @@ from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale
 from cldit.gpu.program import Program, build
-from cldit.io.free_memory import parts
 from cldit.medium.corners import BITS, Corners
 from cldit.medium.frame import AT_ONCE, BRICK
 
@@ -23,6 +22,7 @@ REACH = 6.0**0.5  # half the width of a cloud's profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
 FACE = 1e-6  # in cells: a box that reaches over a face by less does not touch the next cell
 _LANES = 2**16  # work-items of few boxes
+_SUMS_AT_ONCE = 2**19  # that are converted while they are in the cache
 _Counts = NDArray[np.int32]
 _SUM_BYTES = 2**30  # of the sums on the device; at least one kind is added at a time
 
@@ -77,11 +77,12 @@ class Rasteriser(ABC):
                 "sums": sums,
             }
             self._launch(self.deposits, lists, arguments)
-        for rows in parts(size):  # converted while they are in the cache
-            part = np.empty((rows.stop - rows.start, kinds), np.int64)
-            download(self.device, sums, part, start=rows.start * kinds)
+        rows = max(1, _SUMS_AT_ONCE // kinds)
+        for begin in range(0, size, rows):
+            part = np.empty((min(rows, size - begin), kinds), np.int64)
+            download(self.device, sums, part, start=begin * kinds)
             for kind, target in enumerate(targets):
-                target[rows] += part[:, kind] / scale[kind]
+                target[begin : begin + rows] += part[:, kind] / scale[kind]
 
     def _launch(self, kernel: str, lists: dict[str, Any], arguments: dict[str, Any]) -> None:
         size = lists.pop("items")
@@ -175,7 +176,7 @@ class BoxRasteriser(Rasteriser):
     def add(
         self, directory: NDArray[np.int32], amounts: list[Floats], targets: list[Floats]
     ) -> None:
-        """As `Rasteriser.add`, of the summed amounts that share a box."""
+        """Adds the sums of the amounts that share a box, like `Rasteriser.add`."""
         super().add(directory, summed(amounts, self.shared), targets)
 
     def _lists(self) -> Iterator[tuple[slice, dict[str, Any]]]:

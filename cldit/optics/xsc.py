@@ -47,11 +47,11 @@ def read_xsc(path: Path) -> VapourBand:
             f"{path}: several blocks at one temperature (other pressures?); keep one of each"
         )
     number = numbers[0]
-    for other in numbers[1:]:
-        shift = np.abs(other[[0, -1]] - number[[0, -1]])
+    for wavenumbers in numbers[1:]:
+        shift = np.abs(wavenumbers[[0, -1]] - number[[0, -1]])
         if np.max(shift) > 1.0:
             raise OpticsError(f"{path}: the blocks do not cover the same wavenumbers")
-    table = [np.interp(number, own, column) for own, column in zip(numbers, values, strict=True)]
+    table = [np.interp(number, *columns) for columns in zip(numbers, values, strict=True)]
     single = len(blocks) == 1
     return VapourBand(
         species=molecules[0],
