@@ -17,6 +17,7 @@ import scipy
 
 from cldit.arrays import Floats
 from cldit.errors import MediumError
+from cldit.medium.frame import AT_ONCE
 from cldit.spray.extent import Cloud
 from cldit.spray.result import Parcels, Spray
 
@@ -28,7 +29,6 @@ _WIDEST = 0.5  # largest standard deviation of a kernel, over that of all parcel
 # two independent errors.
 SAMPLING = 2.0 ** -(1 / 2 + 1 / 3)
 _ROUND = 0.1  # isotropic share of the covariance, which 16 neighbours overestimate lengthwise
-_AT_ONCE = 100_000  # parcels whose neighbours are in memory together
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,9 @@ class Kernel:
         limit = _WIDEST**2 * float(places.var(axis=0).sum())
         tree = scipy.spatial.cKDTree(places)
         moved, covariance = np.empty_like(places), np.empty((len(places), 3, 3))
-        for start in range(0, len(places), _AT_ONCE):
-            part = slice(start, start + _AT_ONCE)
+        part_size = AT_ONCE // count
+        for start in range(0, len(places), part_size):
+            part = slice(start, start + part_size)
             neighbours = places[tree.query(places[part], count, workers=-1)[1]]
             mean = neighbours.mean(axis=1)
             offset = neighbours - mean[:, None]
@@ -146,35 +147,23 @@ def copies_of(spray: Spray) -> int:
     return copies if count % copies == 0 else 1
 
 
-@dataclass(frozen=True)
-class Variants:
-    """Sprays whose images show the error of a sample of parcels.
+def variants(spray: Spray, *, kernel: Kernel, seed: int) -> tuple[Spray, Spray, Spray]:
+    """Sprays whose images show the error of a sample of parcels, which are points.
 
-    whole: all parcels, as clouds. halves: of `halves`, each spread separately. narrower: clouds of
-    half of the variance. SAMPLING times the RMS difference of the halves' images is the sampling
-    error of the whole; 4/3 of (whole - narrower) is about the bias of the width, which falls with
-    its fourth power, and the additional noise of narrower clouds: an upper bound.
-    """
-
-    whole: Spray
-    halves: tuple[Spray, Spray]
-    narrower: Spray
-
-
-def variants(spray: Spray, *, kernel: Kernel, seed: int) -> Variants:
-    """Variants of a spray whose parcels are a sample of points; raises MediumError otherwise.
-
-    `kernel` spreads the parcels, and `seed` draws the halves.
+    The first two are `halves`, drawn by `seed`, each spread separately by `kernel`; the third are
+    clouds of all parcels, of half of the variance. SAMPLING times the RMS difference of the halves'
+    images is the sampling error of the whole; 4/3 of (whole - narrower) is about the bias of the
+    width, which falls with its fourth power, and the additional noise of narrower clouds: an upper
+    bound. Raises MediumError if the parcels are no sample of points.
     """
     if spray.parcels is None:
         raise MediumError("variants: the spray has no parcels")
-    clouds = kernel.spread(spray.parcels)
+    narrow = replace(kernel, width=kernel.width / 2**0.5).spread(spray.parcels)
     one_half, rest = (
         kernel.spread(half) for half in halves(spray.parcels, seed=seed, copies=copies_of(spray))
     )
-    narrow = replace(kernel, width=kernel.width / 2**0.5).spread(spray.parcels)
-    return Variants(
-        whole=replace(spray, parcels=clouds),
-        halves=(replace(spray, parcels=one_half), replace(spray, parcels=rest)),
-        narrower=replace(spray, parcels=narrow),
+    return (
+        replace(spray, parcels=one_half),
+        replace(spray, parcels=rest),
+        replace(spray, parcels=narrow),
     )

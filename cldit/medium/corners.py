@@ -18,11 +18,9 @@ from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.gpu.buffers import Numbers, upload
 from cldit.gpu.device import Device
-from cldit.medium.frame import TOLERANCE, Frame
+from cldit.medium.frame import AT_ONCE, TOLERANCE, Frame
 
 BITS = 31  # of the cube's edge
-_OUTSIDE = 1e-9  # share of the cube's edge by which rounding may place a corner outside
-_AT_ONCE = 4_000_000  # boxes of a buffer
 
 
 def refuse(frame: Frame, content: str, share: float, place_m: Floats) -> NoReturn:
@@ -54,7 +52,8 @@ class Corners:
             for along, at_m, origin_m in zip(corner, place_m.T, cube.lower_m, strict=True):
                 np.subtract(at_m, origin_m, out=along)
         corners /= cube.edge_m
-        slack = _OUTSIDE * (1.0 + np.abs(corners[0]).max(initial=0.0))
+        # Rounding may place a corner two units outside, 1e-9 of the edge.
+        slack = 2.0 ** (1 - BITS) * (1.0 + np.abs(corners[0]).max(initial=0.0))
         lowest, highest = corners.min(initial=0.0), corners.max(initial=1.0)
         if lowest < -slack or highest > 1.0 + slack:
             outside = np.any((corners < -slack) | (corners > 1.0 + slack), axis=(0, 1))
@@ -79,7 +78,7 @@ class Corners:
         """Parts of the boxes and their corners on a device, (6, n), which stay there."""
         if device.opened not in self._buffers:
             count, stacked = self.low.shape[1], np.vstack([self.low, self.high])
-            parts = [slice(n, min(n + _AT_ONCE, count)) for n in range(0, count, _AT_ONCE)]
+            parts = [slice(n, min(n + AT_ONCE, count)) for n in range(0, count, AT_ONCE)]
             buffers = [upload(device, "boxes", stacked[:, part]) for part in parts]
             self._buffers[device.opened] = list(zip(parts, buffers, strict=True))
         return iter(self._buffers[device.opened])

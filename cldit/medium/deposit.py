@@ -19,26 +19,19 @@ from cldit.medium.rasterise import (
     Rasteriser,
     deposit_program,
     parts_of,
+    summed,
 )
 from cldit.spray.extent import Box, Extent
 
+Directory = NDArray[np.int32]  # (nb, nb, nb), [z, y, x]: slot of a brick, or -1
 
-@dataclass(frozen=True)
-class Touched:
-    """Bricks that contain anything.
 
-    directory: (nb, nb, nb) int32 in [z, y, x] order, slot of the brick or -1; slots: their number.
-    """
-
-    directory: NDArray[np.int32]
-    slots: int
-
-    def address(self, cell: NDArray[np.signedinteger]) -> Ints:
-        """Storage address (N,) of finest cells (N, 3; x, y, z)."""
-        x, y, z = cell.T
-        slot = self.directory[z // BRICK, y // BRICK, x // BRICK].astype(np.int64)
-        local = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
-        return np.asarray(slot * CELLS_PER_BRICK + local)
+def _address(directory: Directory, cell: NDArray[np.signedinteger]) -> Ints:
+    """Storage address (N,) of finest cells (N, 3; x, y, z)."""
+    x, y, z = cell.T
+    slot = directory[z // BRICK, y // BRICK, x // BRICK].astype(np.int64)
+    local = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
+    return np.asarray(slot * CELLS_PER_BRICK + local)
 
 
 def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, content: str) -> Ints:
@@ -105,17 +98,13 @@ class PlacedBoxes:
         for low, high in zip(begin // BRICK, (begin + count - 1) // BRICK + 1, strict=True):
             mark[low[2] : high[2], low[1] : high[1], low[0] : high[0]] = True
 
-    def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
+    def add(self, directory: Directory, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,), spread uniformly over its box, to its target (S,)."""
-        amounts = _summed(amounts, self.shared)
+        amounts = summed(amounts, self.shared)
         for box, cell, share in self.overlaps():
-            address = touched.address(cell)
+            address = _address(directory, cell)
             for target, amount in zip(targets, amounts, strict=True):
                 target += np.bincount(address, amount[box] * share, minlength=len(target))
-
-
-def _summed(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
-    return amounts if shared is None else [np.add.reduceat(amount, shared) for amount in amounts]
 
 
 @dataclass(frozen=True)
@@ -133,37 +122,14 @@ class PlacedPoints:
         brick = self.cell // BRICK
         mark[brick[:, 2], brick[:, 1], brick[:, 0]] = True
 
-    def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
+    def add(self, directory: Directory, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,) to the cell of its point in its target (S,)."""
-        address = touched.address(self.cell)
-        for target, amount in zip(targets, _summed(amounts, self.shared), strict=True):
+        address = _address(directory, self.cell)
+        for target, amount in zip(targets, summed(amounts, self.shared), strict=True):
             target += np.bincount(address, amount, minlength=len(target))
 
 
-@dataclass(frozen=True)
-class Rasterised:
-    """Clouds or boxes that a device spreads over cells, None: they have no more than a place;
-    shared: as in `PlacedBoxes`."""
-
-    rasteriser: Rasteriser | None
-    shared: Ints | None = None
-
-    def mark(self, mark: Mask) -> None:
-        """Sets the bricks (nb, nb, nb) that the clouds or boxes reach."""
-        self._on_device.mark(mark)
-
-    def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount (N,), spread over its cloud or box, to its target (S,)."""
-        self._on_device.add(touched.directory, _summed(amounts, self.shared), targets)
-
-    @property
-    def _on_device(self) -> Rasteriser:
-        if self.rasteriser is None:
-            raise MediumError("clouds of droplets: no device; allowed: device=open_device()")
-        return self.rasteriser
-
-
-Placed = PlacedPoints | PlacedBoxes | Rasterised
+Placed = PlacedPoints | PlacedBoxes | Rasteriser
 
 
 def place_boxes(
@@ -186,8 +152,7 @@ def _placed(frame: Frame, corners: Corners, shared: Ints | None, device: Device 
     if device is None:
         unit = np.full(1, 2.0 ** (frame.depth - BITS))
         return PlacedBoxes(corners.low.T * unit, corners.high.T * unit, shared)
-    boxes = BoxRasteriser(device, deposit_program(device), frame.cells, corners)
-    return Rasterised(boxes, shared)
+    return BoxRasteriser(device, deposit_program(device), frame.cells, corners, shared)
 
 
 def _boxes_of_parcels(cube: Frame, position_m: Floats, edge_m: Floats) -> tuple[Corners, Ints]:
@@ -211,8 +176,8 @@ def place_droplets(
 ) -> Placed:
     """Parcels (N, 3) in the cube as points, boxes or clouds, by the extent of their droplets.
 
-    device: as in `place_boxes`; without one, clouds have no more than a place. Raises MediumError
-    if part of `amount` (N,) is outside the cube.
+    device: as in `place_boxes`; clouds need one. Raises MediumError if part of `amount` (N,) is
+    outside the cube, or for clouds without a device.
     """
     if isinstance(extent, Box):
         make = partial(_boxes_of_parcels, frame.at(0), position_m, extent.edge_m)
@@ -222,13 +187,14 @@ def place_droplets(
     if extent is None:
         return PlacedPoints(cell)
     if device is None:
-        return Rasterised(None)
+        raise MediumError("clouds of droplets: no device; allowed: device=open_device()")
     place, covariance = frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2
-    return Rasterised(CloudRasteriser.of(device, place, covariance, frame.cells))
+    return CloudRasteriser.of(device, place, covariance, frame.cells)
 
 
-def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Touched:
-    """Bricks that contain anything; raises MediumError if they have more cells than `limit`."""
+def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Directory:
+    """Slots of the bricks that contain anything; raises MediumError if they have more cells than
+    `limit`."""
     mark = np.zeros((frame.bricks,) * 3, bool)
     for source in placed:
         source.mark(mark)
@@ -241,4 +207,4 @@ def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Tou
         )
     directory = np.full(mark.shape, -1, np.int32)
     directory[mark] = np.arange(slots, dtype=np.int32)
-    return Touched(directory=directory, slots=slots)
+    return directory

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Mask
-from cldit.medium.deposit import Touched
+from cldit.medium.deposit import Directory
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 
 
@@ -18,20 +18,21 @@ def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
 
 
 _IN_BLOCK = (2, 4, 6)  # axes of that view inside a block, and inside a brick
-_IN_BRICK = (1, 2, 3, 4, 5, 6)
+_IN_BRICK = tuple(range(1, 7))
 
 
 @dataclass(frozen=True)
 class Division:
     """Division of the cube, and leaf of every finest cell.
 
-    keep: touched brick of every stored one. coarse, member: mask (nb, nb, nb) of bricks in a coarse
-    leaf, and the leaf's number; filled: coarse leaves that are not empty. unsplit: blocks of cells
-    in stored bricks that are one leaf, (edge, mask).
+    touched: slot of each brick that contains anything. keep: that of every stored one. coarse,
+    member: mask (nb, nb, nb) of bricks in a coarse leaf, and the leaf's number; filled: coarse
+    leaves that are not empty. unsplit: blocks of cells in stored bricks that are one leaf, (edge,
+    mask).
     """
 
     frame: Frame
-    touched: Touched
+    touched: Directory
     directory: NDArray[np.int32]
     keep: NDArray[np.int32]
     coarse: Mask
@@ -43,21 +44,21 @@ class Division:
 
     @classmethod
     def of(
-        cls, frame: Frame, touched: Touched, fields: list[dict[str, Floats]], bound: float
+        cls, frame: Frame, touched: Directory, fields: list[dict[str, Floats]], bound: float
     ) -> "Division":
         """Top-down division of the cube, the same for all wavelengths.
 
         `fields` has those of the finest cells (S * 512,) of each wavelength, and `bound` is the
         optical depth above which a cube of vapour is halved.
         """
-        shape = (touched.slots, BRICK, BRICK, BRICK)
+        shape = (-1, BRICK, BRICK, BRICK)
         vapour = reduce(np.maximum, (f["vapour_absorption"] for f in fields)).reshape(shape)
         wet = (f["droplet_absorption"] + f["droplet_scattering"] > 0 for f in fields)
         droplets = reduce(np.logical_or, wet).reshape(shape)
         leaves = [0] * (frame.depth + 1)
         inside = _inside(frame)
 
-        mark = touched.directory >= 0
+        mark = touched >= 0
         brick_vapour = np.zeros(mark.shape)
         brick_droplets = np.zeros(mark.shape, bool)
         brick_vapour[mark] = vapour[inside].mean(axis=(1, 2, 3))
@@ -67,7 +68,7 @@ class Division:
         # Undivided bricks become coarse leaves, as do those of a larger leaf.
         stored = mark & (split | (frame.depth == 0))  # a tree of one cell has it in a brick
         directory = np.full(mark.shape, -1, np.int32)
-        keep = touched.directory[stored]
+        keep = touched[stored]
         directory[stored] = np.arange(len(keep), dtype=np.int32)
         coarse = ~stored
         used, member = np.unique(parent[coarse], return_inverse=True)
@@ -98,9 +99,9 @@ class Division:
         values = np.zeros(fine + empty + int(self.filled.sum()), np.float32)
         if not data.any():
             return values
-        bricks = data.reshape(self.touched.slots, BRICK, BRICK, BRICK)
+        bricks = data.reshape(-1, BRICK, BRICK, BRICK)
         # Coarse leaves have the mean of their bricks; bricks without a slot are empty.
-        slots = self.touched.directory[self.coarse]
+        slots = self.touched[self.coarse]
         present = slots >= 0
         total = np.zeros(len(slots))
         total[present] = bricks[slots[present]][_inside(self.frame)].mean(axis=(1, 2, 3))

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 BRICK = 8  # cells along a brick's edge; the kernels use the same number
 CELLS_PER_BRICK = BRICK**3
+# Boxes, layers of clouds or pairs of box and cell in memory together, of 30 to 60 bytes each.
+AT_ONCE = 4_000_000
 TOLERANCE = 1e-5  # in cells: largest distance of a box from its place on a lattice
 
 

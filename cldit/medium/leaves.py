@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Ints, Mask
-from cldit.medium.frame import BRICK
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK
 from cldit.medium.octree import Octree
-
-_CELLS = BRICK**3
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def _stored(tree: Octree, values: Sequence[NDArray[np.generic]]) -> _Parts:
     corner = np.all(place % edge[..., None] == 0, axis=-1) & np.all(place < used, axis=-1)
     slot, lz, ly, lx = np.nonzero(corner)
     inside = np.stack([lx, ly, lz], axis=1)
-    address = slot * _CELLS + (lz * BRICK + ly) * BRICK + lx
+    address = slot * CELLS_PER_BRICK + (lz * BRICK + ly) * BRICK + lx
     return brick[slot] + inside, edge[corner], address
 
 
@@ -82,7 +80,7 @@ def _blocks_alike(tree: Octree, values: Sequence[NDArray[np.generic]], side: int
     shape = (tree.slots, count, side, count, side, count, side)
     alike = np.ones((tree.slots, count, 1, count, 1, count, 1), bool)
     for field in values:
-        blocks = field[: tree.slots * _CELLS].reshape(shape)
+        blocks = field[: tree.slots * CELLS_PER_BRICK].reshape(shape)
         alike &= (blocks == blocks[:, :, :1, :, :1, :, :1]).all(axis=(2, 4, 6), keepdims=True)
     return np.broadcast_to(alike, shape).reshape(tree.slots, BRICK, BRICK, BRICK)
 
@@ -94,4 +92,4 @@ def _coarse(tree: Octree) -> _Parts:
     edge = tree.frame.cells >> tree.coarse_level[index].astype(np.int64)
     corner = np.stack([x, y, z], axis=1).astype(np.int64) * BRICK
     corners = np.all(corner % np.maximum(edge, 1)[:, None] == 0, axis=1)
-    return corner[corners], edge[corners], tree.slots * _CELLS + index[corners]
+    return corner[corners], edge[corners], tree.slots * CELLS_PER_BRICK + index[corners]

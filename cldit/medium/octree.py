@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
 from cldit.gpu.device import Device
-from cldit.medium.deposit import Placed, Touched, place_boxes, place_droplets, touched_bricks
+from cldit.medium.deposit import Directory, Placed, place_boxes, place_droplets, touched_bricks
 from cldit.medium.division import Division
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.spray.extent import Extent
@@ -201,12 +201,12 @@ def placed_sources(
 
 def _deposit(
     frame: Frame,
-    touched: Touched,
+    touched: Directory,
     droplets: list[Placed],
     boxes: Sequence[Placed],
     sources: Sequence[Sources],
 ) -> list[dict[str, Floats]]:
-    size = touched.slots * CELLS_PER_BRICK
+    size = int(np.count_nonzero(touched >= 0)) * CELLS_PER_BRICK
     deposited = [
         {name: np.zeros(size) for name in (*FIELDS, *({} if section is None else section.sections))}
         for section, _ in sources

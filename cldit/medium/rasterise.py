@@ -10,19 +10,18 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Mask
+from cldit.arrays import Floats, Ints, Mask
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale
 from cldit.gpu.program import Program, build
 from cldit.medium.corners import BITS, Corners
-from cldit.medium.frame import BRICK
+from cldit.medium.frame import AT_ONCE, BRICK
 
 REACH = 6.0**0.5  # half the width of a cloud's profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
 FACE = 1e-6  # in cells: a box that reaches over a face by less does not touch the next cell
 _LANES = 2**16  # work-items of few boxes
-_AT_ONCE = 4_000_000  # layers of clouds, or pairs of box and cell, of 30 to 60 bytes each
 _SUMS_AT_ONCE = 2**19  # that are converted while they are in the cache
 _Counts = NDArray[np.int32]
 _SUM_BYTES = 2**30  # of the sums on the device; at least one kind is added at a time
@@ -168,10 +167,17 @@ class CloudRasteriser(Rasteriser):
 
 @dataclass(frozen=True)
 class BoxRasteriser(Rasteriser):
-    """Boxes with corners in the cube."""
+    """Boxes with corners in the cube. shared: as in `deposit.PlacedBoxes`."""
 
     marks, deposits = "mark_boxes", "deposit_boxes"
     corners: Corners
+    shared: Ints | None = None
+
+    def add(
+        self, directory: NDArray[np.int32], amounts: list[Floats], targets: list[Floats]
+    ) -> None:
+        """Adds the sums of the amounts that share a box, like `Rasteriser.add`."""
+        super().add(directory, summed(amounts, self.shared), targets)
 
     def _lists(self) -> Iterator[tuple[slice, dict[str, Any]]]:
         shift = BITS - self.cells.bit_length() + 1
@@ -192,13 +198,18 @@ class BoxRasteriser(Rasteriser):
             )
 
 
+def summed(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
+    """Amounts of each box, of which `shared` (N,) has the first one; None: one amount a box."""
+    return amounts if shared is None else [np.add.reduceat(amount, shared) for amount in amounts]
+
+
 def parts_of(counts: NDArray[np.signedinteger]) -> Iterator[slice]:
-    """Parts of objects with so many items (N,), each of at most `_AT_ONCE` in all."""
+    """Parts of objects with so many items (N,), each of at most `AT_ONCE` in all."""
     ends = np.cumsum(counts, dtype=np.int64)
     start = 0
     while start < len(counts):
         done = ends[start - 1] if start else 0
-        stop = max(start + 1, int(np.searchsorted(ends, done + _AT_ONCE, "right")))
+        stop = max(start + 1, int(np.searchsorted(ends, done + AT_ONCE, "right")))
         yield slice(start, stop)
         start = stop
 

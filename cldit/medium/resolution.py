@@ -79,7 +79,10 @@ def candidates(
 
 def refuse_outside(cube: Frame, sources: Sources) -> None:
     """Raises MediumError if a part of the medium is outside the cube."""
-    placed_sources(cube.at(0), sources, None)
+    points, cells = sources
+    if points is not None and isinstance(points.extent, Cloud):
+        points = replace(points, extent=None)  # a cloud is where its middle is
+    placed_sources(cube.at(0), (points, cells), None)
 
 
 def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> Frame | None:

@@ -34,10 +34,8 @@ POINTWISE_K = 0.002  # from this k on, entries are values at single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
 FEW = 256  # different diameters that are solved one by one below it
 _STEP = 3.3e-4  # in ln x; the errors above are those of linear interpolation between such steps
-_COARSER = 8  # steps from one solution to the next, with a cubic spline between, ...
-_SMOOTH = 0.015  # ... from this k / n on
-_FINER = (2, 8)  # samples a step where means are taken, from k = ...
-_SHARP = 0.0005  # ... on, and below, where resonances are narrower still
+_SPLINED = (0.015, 8)  # from this k / n on, steps from one solution to the next, splined between
+_SAMPLES = {0.0005: 2, 0.0: 8}  # of a step where means are taken, from k on: narrower resonances
 _MOST_SAMPLES = 6e5  # 2 span n / k of a mean at n = 1.4 and k = 1e-7, see `resolved`
 _SECOND_PROGRAM = 1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
 _NOTHING = 1e-9  # efficiency below which a droplet is as good as absent, as at n = 1, k = 0
@@ -202,7 +200,8 @@ def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
     step = (end - start) / (count - 1)
     if k >= POINTWISE_K:
         # Absorption k makes every feature wider than k / n in ln x.
-        entries = np.arange(count)[::_COARSER] if k >= _SMOOTH * n else np.arange(count)
+        smooth, coarser = _SPLINED
+        entries = np.arange(count)[:: coarser if k >= smooth * n else 1]
         entries = np.union1d(entries, [count - 1])
         x = np.exp(start + step * entries)
         solved = scaled(x, mie.efficiencies(n=n, k=k, x=x))
@@ -211,7 +210,7 @@ def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
             for column in solved
         )
     else:
-        finer = _FINER[0] if k >= _SHARP else _FINER[1]
+        finer = next(samples for least_k, samples in _SAMPLES.items() if k >= least_k)
         beyond = int(np.ceil(AVERAGED / step)) * finer
         samples = np.arange(-beyond, (count - 1) * finer + beyond + 1)
         x = np.exp(start + step / finer * samples)
@@ -234,20 +233,6 @@ def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
     }
 
 
-@dataclass(frozen=True)
-class TableError:
-    """Largest relative errors of Q_sca and Q_abs, and error of g, at random diameters."""
-
-    scattering: float
-    absorption: float
-    asymmetry: float
-
-    @property
-    def largest(self) -> float:
-        """The largest of the three."""
-        return max(self.scattering, self.absorption, self.asymmetry)
-
-
 def resolved(*, n: float, k: float, span: float, minimum: int) -> int:
     """Number of samples over a span of ln x that resolve any resonance of the index n - ik.
 
@@ -257,8 +242,9 @@ def resolved(*, n: float, k: float, span: float, minimum: int) -> int:
     return max(minimum, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else minimum)
 
 
-def table_error(table: DropletTable, *, samples: int = 400) -> TableError:
-    """Error of a table against Mie's solution at random diameters, even in ln d.
+def table_error(table: DropletTable, *, samples: int = 400) -> tuple[float, float, float]:
+    """Largest relative errors of Q_sca and Q_abs, and error of g, at random diameters, even in
+    ln d, against Mie's solution.
 
     Below `POINTWISE_K` the solution is averaged as the entries are, at fewer diameters.
     """
@@ -286,4 +272,5 @@ def table_error(table: DropletTable, *, samples: int = 400) -> TableError:
         exact_g = weight @ (asymmetry * scattering) / (weight @ scattering)
         lost = abs((q_ext - q_sca) / exact_abs - 1.0) if exact_abs > 0 else q_ext - q_sca
         errors[number] = abs(q_sca / exact_sca - 1.0), lost, abs(g - exact_g)
-    return TableError(*errors.max(axis=0).tolist())
+    scattering, absorption, asymmetry = errors.max(axis=0).tolist()
+    return scattering, absorption, asymmetry

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Mask
 from cldit.errors import DropletError
 
 Complex = NDArray[np.complex128]
@@ -64,7 +64,7 @@ def efficiencies(*, n: float, k: float, x: ArrayLike, spacing: float = 0.0) -> E
         n, k: refractive index n - ik.
         x: size parameters pi d / wavelength, any shape.
         spacing: of ln x, for means over sizes: resonances narrower than this are widened, with
-            their absorption preserved (`_Order.seen`). 0: single spheres.
+            their absorption preserved (`_narrow`). 0: single spheres.
     """
     sizes = check(n=n, k=k, x=x)
     out = np.zeros((4, sizes.size))
@@ -155,10 +155,10 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
             psi_before, psi = psi, psi / (outer[order] + order / x)
         with np.errstate(over="ignore", invalid="ignore"):  # of orders that a sphere does not need
             chi_before, chi = chi, factor * chi - chi_before
-            sphere = _Order(order, x, psi - 1j * chi, psi_before - 1j * chi_before)
+            xi, xi_before = psi - 1j * chi, psi_before - 1j * chi_before
             for power, series in ((-1, a), (1, b)):
                 matched = inner[order] * m**power
-                wave = sphere.wave(matched)
+                wave = (matched + order / x) * xi - xi_before
                 if outer is None:
                     series[order - 1] = ((matched + order / x) * psi - psi_before) / wave
                 else:
@@ -167,8 +167,9 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
                     lost = _absorbed(matched, wave)
                     if broader is not None:
                         matched = broader[order] * broad**power
-                        broadened = _absorbed(matched, sphere.wave(matched))
-                        lost = sphere.seen(lost, broadened, m, broad.imag, power)
+                        broad_wave = (matched + order / x) * xi - xi_before
+                        narrow, ratio = _narrow(order, x, xi, xi_before, m, broad.imag, power)
+                        lost = np.where(narrow, _absorbed(matched, broad_wave) * ratio, lost)
                     absorbed[order - 1] += lost
     beyond = np.arange(1, highest + 1)[:, None] > count
     for values in (a, b, absorbed):
@@ -181,38 +182,32 @@ def _absorbed(matched: Complex, wave: Complex) -> Floats:
     return np.asarray(-matched.imag / (wave.real**2 + wave.imag**2))
 
 
-@dataclass(frozen=True)
-class _Order:
-    """The field outside spheres x (S,) in one order: the outgoing wave xi, and xi of order - 1.
+def _narrow(
+    order: int,
+    x: Floats,
+    xi: Complex,
+    xi_before: Complex,
+    m: complex,
+    larger_k: float,
+    power: int,
+) -> tuple[Mask, Floats]:
+    """True for spheres x (S,) at narrow resonances, and the ratio of their areas to those of a
+    larger k.
 
-    The logarithmic derivative D of the field inside is matched with a power of the index m, -1 for
-    the electric and 1 for the magnetic field: m^power D = xi' / xi at resonance.
+    xi: the outgoing wave in this order, and in the order before. The logarithmic derivative D of
+    the field inside is matched with a power of the index m, -1 for the electric and 1 for the
+    magnetic field: m^power D = xi' / xi at resonance. The area of a resonance of widths f by
+    radiation and k e by absorption is proportional to k e f / (f + k e); f = |Im xi' / xi| =
+    1 / |xi|^2 and e = -d(m^power D) / dm, by the Riccati equation D' = n (n + 1) / z^2 - 1 - D^2.
     """
-
-    order: int
-    x: Floats
-    xi: Complex
-    xi_before: Complex
-
-    def wave(self, matched: Complex) -> Complex:
-        return np.asarray((matched + self.order / self.x) * self.xi - self.xi_before)
-
-    def seen(self, lost: Floats, broad: Floats, m: complex, larger_k: float, power: int) -> Floats:
-        """`lost`, or `broad`, of the larger k, times the ratio of areas if a resonance is narrow.
-
-        The area of a resonance of widths f by radiation and k e by absorption is proportional to
-        k e f / (f + k e); f = |Im xi' / xi| = 1 / |xi|^2 and e = -d(m^power D) / dm, by the
-        Riccati equation D' = n (n + 1) / z^2 - 1 - D^2.
-        """
-        n, k, x = m.real, m.imag, self.x
-        radiated = 1.0 / np.abs(self.xi) ** 2
-        d = (self.xi_before / self.xi).real - self.order / x
-        d = d * n**-power
-        slope = self.order * (self.order + 1) / (n * x) ** 2 - 1.0 - d * d
-        taken = -(power * d + n * x * slope) * n ** (power - 1)
-        narrow = (self.order < n * x) & (taken > 0) & (radiated + k * taken < larger_k * taken)
-        ratio = (k / larger_k) * (radiated + larger_k * taken) / (radiated + k * taken)
-        return np.where(narrow, broad * ratio, lost)
+    n, k = m.real, m.imag
+    radiated = 1.0 / np.abs(xi) ** 2
+    d = (xi_before / xi).real - order / x
+    d = d * n**-power
+    slope = order * (order + 1) / (n * x) ** 2 - 1.0 - d * d
+    taken = -(power * d + n * x * slope) * n ** (power - 1)
+    narrow = (order < n * x) & (taken > 0) & (radiated + k * taken < larger_k * taken)
+    return narrow, (k / larger_k) * (radiated + larger_k * taken) / (radiated + k * taken)
 
 
 def intensity(a: Complex, b: Complex, cosine: Floats) -> Floats:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats, Ints, Mask
 from cldit.constants import AVOGADRO_PER_MOL
 from cldit.medium.deposit import PlacedBoxes
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray, Vapour
 
@@ -22,7 +23,6 @@ _BINS = 14  # of equal width in depth and in temperature, whose lines are alike
 _SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot around it
 _SIZES = 6  # classes of droplets, of equal area
 _TYPICAL_m2_mol = 30.0  # to sort lines by thickness; any fuel's C-H band, in order of magnitude
-_THIN = 0.05  # optical depth below which a line is ignored, unless all are
 
 
 @dataclass(frozen=True)
@@ -47,25 +47,14 @@ class Sightlines:
     @classmethod
     def through(cls, spray: Spray, *, width_m: float) -> "Sightlines":
         """Lines through a spray with fuel, along beams of `width_m`, or wider for a large spray."""
-        gas, drops = _Content.gas(spray.vapour), _Content.droplets(spray.parcels)
-        beams = Beams.around(
-            np.concatenate([gas.lower_m, drops.lower_m]),
-            np.concatenate([gas.upper_m, drops.upper_m]),
-            width_m=width_m,
-        )
-        vapour, warm = beams.columns(
-            gas.lower_m, gas.upper_m, [gas.amount, gas.amount * gas.kelvin]
-        )
-        bounds, diameter = _sizes(drops.diameter_m, drops.amount)
-        number = np.searchsorted(bounds, drops.diameter_m)
-        *classes, drops_warm = beams.columns(
-            drops.lower_m,
-            drops.upper_m,
-            [
-                *(np.where(number == size, drops.amount, 0.0) for size in range(len(diameter))),
-                drops.amount * drops.kelvin,
-            ],
-        )
+        gas_m, mol, gas_K = _gas(spray.vapour)
+        drops_m, area_m2, drops_K, diameter_m = _droplets(spray.parcels)
+        beams = Beams.around(*np.concatenate([gas_m, drops_m], axis=1), width_m=width_m)
+        vapour, warm = beams.columns(gas_m[0], gas_m[1], [mol, mol * gas_K])
+        bounds, diameter = _sizes(diameter_m, area_m2)
+        number = np.searchsorted(bounds, diameter_m)
+        sizes = (np.where(number == size, area_m2, 0.0) for size in range(len(diameter)))
+        *classes, drops_warm = beams.columns(drops_m[0], drops_m[1], [*sizes, area_m2 * drops_K])
         wet = sum(classes, np.zeros_like(vapour))
         depth = (vapour * _TYPICAL_m2_mol + 2.0 * wet).sum(axis=1)
         kelvin = _mean((warm * _TYPICAL_m2_mol + 2.0 * drops_warm).sum(axis=1), depth)
@@ -87,7 +76,8 @@ def _strata(depth: Floats, kelvin: Floats) -> tuple[NDArray[np.intp], Floats]:
     """One of the (N,) lines of each class of depth and temperature, thin ones first, and the size
     of the classes: a few cold lines at the injector count as a few."""
     order = np.argsort(depth, kind="stable")
-    seen = order[depth[order] > min(_THIN, 0.5 * float(depth.max()))]
+    # The emissivity of a thin line is its optical depth; lines are ignored below, unless all are.
+    seen = order[depth[order] > min(VISIBLE_EMISSIVITY, 0.5 * float(depth.max()))]
     bins = [
         np.digitize(quantity, np.linspace(quantity.min(), quantity.max(), _BINS + 1)[1:-1])
         for quantity in (np.log(depth[seen]), kelvin[seen])
@@ -157,43 +147,27 @@ class Beams:
         return np.asarray((z * self.shape[1] + y) * self.shape[0] + x)
 
 
-@dataclass(frozen=True)
-class _Content:
-    """Cells or parcels: corners (N, 3) of boxes with uniform content, equal for points; moles or
-    cross section, temperature, and diameter of droplets, (N,)."""
+def _gas(vapour: Vapour | None) -> tuple[Floats, Floats, Floats]:
+    """Corners (2, N, 3) of the cells with fuel, moles and temperatures (N,)."""
+    if vapour is None:
+        return np.zeros((2, 0, 3)), np.zeros(0), np.zeros(0)
+    cells = vapour.cells
+    mol = vapour.number_density_m3 * cells.volume_m3 / AVOGADRO_PER_MOL
+    held = mol > 0
+    corners_m = np.stack([cells.lower_m[held], cells.upper_m[held]])
+    return corners_m, mol[held], vapour.temperature_K[held]
 
-    lower_m: Floats
-    upper_m: Floats
-    amount: Floats
-    kelvin: Floats
-    diameter_m: Floats
 
-    @classmethod
-    def gas(cls, vapour: Vapour | None) -> "_Content":
-        """Cells with fuel."""
-        if vapour is None:
-            return cls(*np.zeros((2, 0, 3)), *np.zeros((3, 0)))
-        cells = vapour.cells
-        mol = vapour.number_density_m3 * cells.volume_m3 / AVOGADRO_PER_MOL
-        held = mol > 0
-        return cls(
-            cells.lower_m[held],
-            cells.upper_m[held],
-            mol[held],
-            vapour.temperature_K[held],
-            np.zeros(0),
-        )
-
-    @classmethod
-    def droplets(cls, parcels: Parcels | None) -> "_Content":
-        """Parcels with droplets."""
-        if parcels is None:
-            return cls(*np.zeros((2, 0, 3)), *np.zeros((3, 0)))
-        area = parcels.droplets * parcels.diameter_m**2 * (np.pi / 4.0)
-        held = area > 0
-        at, half = parcels.position_m[held], _half_edges(parcels, held)
-        kelvin, diameter_m = parcels.temperature_K[held], parcels.diameter_m[held]
-        return cls(at - half, at + half, area[held], kelvin, diameter_m)
+def _droplets(parcels: Parcels | None) -> tuple[Floats, Floats, Floats, Floats]:
+    """Corners (2, N, 3) of boxes with uniform content, equal for points, of parcels with droplets;
+    cross sections, temperatures and diameters (N,)."""
+    if parcels is None:
+        return np.zeros((2, 0, 3)), np.zeros(0), np.zeros(0), np.zeros(0)
+    area_m2 = parcels.droplets * parcels.diameter_m**2 * (np.pi / 4.0)
+    held = area_m2 > 0
+    at, half = parcels.position_m[held], _half_edges(parcels, held)
+    corners_m = np.stack([at - half, at + half])
+    return corners_m, area_m2[held], parcels.temperature_K[held], parcels.diameter_m[held]
 
 
 def _half_edges(parcels: Parcels, held: Mask) -> Floats:

@@ -8,7 +8,8 @@ hundred lines of sight with K nodes and with all samples give the errors of K no
 smallest K within the bound is chosen.
 """
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -162,17 +163,24 @@ def wavelengths(
         groups, errors = _chosen(scene, bound_K, lines, spectrum, light, depths)
         through = emitted([_mean(depth, groups, light) for depth in depths])[0]
         hidden = (lines.count @ (1.0 - through)) * (light @ belongs(groups))
-        means = _Means.of(spectrum, lines, groups, light)
         choice = {"groups": groups.astype(float), "errors": errors}
-        return {**choice, "main": np.array([float(np.argmax(hidden))]), **vars(means)}
+        main = np.array([float(np.argmax(hidden))])
+        return {**choice, "main": main, **_means(spectrum, lines, groups, light)}
 
     content = _content(scene, tolerance_K, spray, spectrum, asymmetry)
     arrays = cached(cache, kind="wavelengths", description=content, make=choose)
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
-    properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
+    names = ("wavelength_um", "vapour_m2_mol", "n", "k")
+    means = zip(*(arrays[name].T for name in names), strict=True)
     bands = tuple(
-        properties.band(number, node, largest_m=largest_m, cache=cache)
-        for number, node in enumerate(quadrature.nodes)
+        BandOptics(
+            radiance=node.radiance,
+            vapour_m2_mol=_absorption(spectrum.vapour_K, absorption),
+            droplets=_tables(
+                spectrum.liquid_K, wavelength_um, n, k, largest_m=largest_m, cache=cache
+            ),
+        )
+        for node, (wavelength_um, absorption, n, k) in zip(quadrature.nodes, means, strict=True)
     )
     errors_K, errors_emissivity = map(tuple, arrays["errors"].tolist())
     main = int(arrays["main"][0])
@@ -223,70 +231,56 @@ def _quadrature(
     )
 
 
-@dataclass(frozen=True)
-class _Means:
-    """Properties of K groups of samples; shapes as in `Spectrum`."""
+def _means(spectrum: Spectrum, lines: Sightlines, groups: Groups, light: Floats) -> Arrays:
+    """Properties of K groups of samples by name; (K,), and (M, K) or (P, K) as in `Spectrum`."""
+    wavelength = _mean(spectrum.middles_um[None, :], groups, light)[0]
+    n = _mean(spectrum.n, groups, light)
+    k = _mean(spectrum.k, groups, light)
+    sizes = lines.count @ lines.droplet_m2.sum(axis=1)
+    for row in range(len(spectrum.liquid_K)):
+        fine = _efficiencies(spectrum.middles_um, spectrum.n[row], spectrum.k[row], lines)[0]
+        targets = _mean((sizes @ fine)[None, :], groups, light)[0]
+        for group, target in enumerate(targets):
+            fitted_k = _index_absorbing(
+                target,
+                sizes,
+                lines,
+                wavelength_um=wavelength[group],
+                n=n[row, group],
+                among=spectrum.k[row, groups == group],
+            )
+            k[row, group] = k[row, group] if fitted_k is None else fitted_k
+    vapour = _mean(spectrum.vapour_m2_mol, groups, light)
+    return {"wavelength_um": wavelength, "vapour_m2_mol": vapour, "n": n, "k": k}
 
-    wavelength_um: Floats
-    vapour_K: Floats
-    vapour_m2_mol: Floats
-    liquid_K: Floats
-    n: Floats
-    k: Floats
 
-    @classmethod
-    def of(cls, spectrum: Spectrum, lines: Sightlines, groups: Groups, light: Floats) -> "_Means":
-        wavelength = _mean(spectrum.middles_um[None, :], groups, light)[0]
-        n = _mean(spectrum.n, groups, light)
-        k = _mean(spectrum.k, groups, light)
-        sizes = lines.count @ lines.droplet_m2.sum(axis=1)
-        for row in range(len(spectrum.liquid_K)):
-            fine = _efficiencies(spectrum.middles_um, spectrum.n[row], spectrum.k[row], lines)[0]
-            targets = _mean((sizes @ fine)[None, :], groups, light)[0]
-            for group, target in enumerate(targets):
-                fitted_k = _index_absorbing(
-                    target,
-                    sizes,
-                    lines,
-                    wavelength_um=wavelength[group],
-                    n=n[row, group],
-                    among=spectrum.k[row, groups == group],
-                )
-                k[row, group] = k[row, group] if fitted_k is None else fitted_k
-        return cls(
-            wavelength_um=wavelength,
-            vapour_K=spectrum.vapour_K,
-            vapour_m2_mol=_mean(spectrum.vapour_m2_mol, groups, light),
-            liquid_K=spectrum.liquid_K,
-            n=n,
-            k=k,
+def _absorption(vapour_K: Floats, values: Floats) -> Callable[[Floats], Floats]:
+    """Molar absorption over the temperature, from values (M,) at temperatures (M,); 0 without."""
+    knots, values = (vapour_K, values) if len(vapour_K) else np.zeros((2, 1))
+    return partial(_between, knots, values)
+
+
+def _tables(
+    liquid_K: Floats,
+    wavelength_um: float,
+    n: Floats,
+    k: Floats,
+    *,
+    largest_m: float,
+    cache: Path | None,
+) -> Droplets | None:
+    """Droplets up to `largest_m` with indices n - ik (P,) at temperatures (P,); None without."""
+    tables = [
+        droplet_table(
+            wavelength_um=float(wavelength_um),
+            n=float(real),
+            k=float(imaginary),
+            cache=cache,
+            largest_m=largest_m,
         )
-
-    def band(
-        self, number: int, node: SpectralNode, *, largest_m: float, cache: Path | None
-    ) -> BandOptics:
-        """Optical properties of group `number`, for droplets up to `largest_m`."""
-        droplets = None
-        if len(self.liquid_K):
-            tables = [
-                droplet_table(
-                    wavelength_um=float(self.wavelength_um[number]),
-                    n=float(n),
-                    k=float(k),
-                    cache=cache,
-                    largest_m=largest_m,
-                )
-                for n, k in zip(self.n[:, number], self.k[:, number], strict=True)
-            ]
-            droplets = Droplets(self.liquid_K, tuple(tables))
-        absorption = self.vapour_m2_mol[:, number] if len(self.vapour_K) else np.zeros(1)
-        return BandOptics(
-            radiance=node.radiance,
-            vapour_m2_mol=partial(
-                _between, self.vapour_K if len(self.vapour_K) else np.zeros(1), absorption
-            ),
-            droplets=droplets,
-        )
+        for real, imaginary in zip(n, k, strict=True)
+    ]
+    return Droplets(liquid_K, tuple(tables)) if tables else None
 
 
 def _between(knots_K: Floats, values: Floats, temperature_K: Floats) -> Floats:

@@ -65,16 +65,11 @@ class Material:
         return np.asarray(np.sqrt(1.0 + terms) + self.slope_per_K * (temperature_K - self.at_K))
 
 
-# k of CaF2 over the wavelength, see above
-_CRYSTRAN_um = (2.0, 2.5, 4.7, 4.75, 4.8, 4.9, 5.0, 5.1, 5.2, 5.4, 5.5, 5.6)
-_CRYSTRAN_k = (
-    9.56e-9, 0.0, 0.0, 8.6e-9, 2.14e-8, 5.17e-8, 7.62e-8, 9.08e-8, 9.57e-8, 9.61e-8, 9.72e-8,
-    1.04e-7,
-)  # fmt: skip
-
-
-def _fluorite_k(wavelength_um: Floats) -> Floats:
-    return np.asarray(np.interp(wavelength_um, _CRYSTRAN_um, _CRYSTRAN_k))
+# k of CaF2 over the wavelength in um, by Crystran, see above
+_FLUORITE = np.array([
+    (2.0, 9.56e-9), (2.5, 0.0), (4.7, 0.0), (4.75, 8.6e-9), (4.8, 2.14e-8), (4.9, 5.17e-8),
+    (5.0, 7.62e-8), (5.1, 9.08e-8), (5.2, 9.57e-8), (5.4, 9.61e-8), (5.5, 9.72e-8), (5.6, 1.04e-7),
+]).T  # fmt: skip
 
 
 def _sapphire_k(wavelength_um: Floats) -> Floats:
@@ -88,7 +83,7 @@ MATERIALS = {
         at_K=297.0,
         slope_per_K=-1.5e-5,
         range_um=(2.0, 5.6),
-        extinction=_fluorite_k,
+        extinction=lambda wavelength_um: np.asarray(np.interp(wavelength_um, *_FLUORITE)),
     ),
     "sapphire": Material(
         sellmeier=((1.4313493, 0.0726631), (0.65054713, 0.1193242), (5.3414021, 18.028251)),

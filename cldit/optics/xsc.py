@@ -5,7 +5,6 @@ points 7, temperature 7, pressure in Torr 6, largest value 10, ...), then lines 
 characters, cm2 per molecule at equal steps. A file has one block for each temperature.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +19,6 @@ _M2_MOL = 1e-4 * AVOGADRO_PER_MOL  # of 1 cm2 per molecule
 _NOISE = 0.02  # of the largest value: negative cross sections up to this are taken as 0
 
 
-@dataclass(frozen=True)
-class _Block:
-    molecule: str
-    number_per_cm: Floats
-    temperature_K: float
-    values: Floats
-
-
 def read_xsc(path: Path) -> VapourBand:
     """Reads the absorption of a vapour, linear between the points of the file.
 
@@ -38,7 +29,7 @@ def read_xsc(path: Path) -> VapourBand:
         lines = read_text(path, encoding="ascii").splitlines()
     except FileError as error:
         raise OpticsError(str(error)) from error
-    blocks: list[_Block] = []
+    blocks: list[tuple[float, str, Floats, Floats]] = []
     at = 0
     while at < len(lines):
         if not lines[at].strip():
@@ -48,21 +39,22 @@ def read_xsc(path: Path) -> VapourBand:
         blocks.append(block)
     if not blocks:
         raise OpticsError(f"{path}: has no cross sections")
-    blocks.sort(key=lambda block: block.temperature_K)
-    temperatures = np.array([block.temperature_K for block in blocks])
+    blocks.sort(key=lambda block: block[0])
+    kelvin, molecules, numbers, values = zip(*blocks, strict=True)
+    temperatures = np.array(kelvin)
     if np.any(np.diff(temperatures) <= 0):
         raise OpticsError(
             f"{path}: several blocks at one temperature (other pressures?); keep one of each"
         )
-    number = blocks[0].number_per_cm
-    for block in blocks[1:]:
-        shift = np.abs(block.number_per_cm[[0, -1]] - number[[0, -1]])
+    number = numbers[0]
+    for wavenumbers in numbers[1:]:
+        shift = np.abs(wavenumbers[[0, -1]] - number[[0, -1]])
         if np.max(shift) > 1.0:
             raise OpticsError(f"{path}: the blocks do not cover the same wavenumbers")
-    table = [np.interp(number, block.number_per_cm, block.values) for block in blocks]
+    table = [np.interp(number, *columns) for columns in zip(numbers, values, strict=True)]
     single = len(blocks) == 1
     return VapourBand(
-        species=blocks[0].molecule,
+        species=molecules[0],
         source=str(path),
         status="user",
         wavenumber_per_cm=(float(number[0]), float(number[-1])),
@@ -75,7 +67,8 @@ def read_xsc(path: Path) -> VapourBand:
     )
 
 
-def _block(lines: list[str], at: int, path: Path) -> tuple[_Block, int]:
+def _block(lines: list[str], at: int, path: Path) -> tuple[tuple[float, str, Floats, Floats], int]:
+    """Temperature, molecule, wavenumbers and values of the block at a line, and the next line."""
     head = lines[at]
     try:
         low, high = float(head[20:30]), float(head[30:40])
@@ -100,5 +93,5 @@ def _block(lines: list[str], at: int, path: Path) -> tuple[_Block, int]:
     if not np.all(np.isfinite(values)) or values.min() < -_NOISE * max(values.max(), 0.0):
         raise OpticsError(f"{path}: after line {at + 1}: cross sections not finite, or negative")
     number = np.linspace(low, high, count)
-    block = _Block(head[:20].strip(), number, temperature, np.maximum(values, 0.0))
+    block = temperature, head[:20].strip(), number, np.maximum(values, 0.0)
     return block, at + 1 + needed

@@ -14,9 +14,9 @@ from cldit import arrays
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.medium import corners, rasterise
-from cldit.medium.deposit import PlacedBoxes, Rasterised, Touched, place_boxes, touched_bricks
+from cldit.medium.deposit import Directory, PlacedBoxes, place_boxes, touched_bricks
 from cldit.medium.frame import BRICK, Frame
-from cldit.medium.rasterise import REACH, CloudRasteriser
+from cldit.medium.rasterise import REACH, BoxRasteriser, CloudRasteriser
 
 Floats = NDArray[np.float64]
 CELLS = 24  # three bricks
@@ -146,7 +146,7 @@ def test_parts_make_the_whole(device: Device, monkeypatch: pytest.MonkeyPatch) -
     """Bits do not depend on the parts in which clouds and kinds are added, nor on their order."""
     place, covariance, amount = clouds(60)
     whole = deposited(device, place, covariance, amount)
-    monkeypatch.setattr(rasterise, "_AT_ONCE", 40)
+    monkeypatch.setattr(rasterise, "AT_ONCE", 40)
     monkeypatch.setattr(rasterise, "_SUM_BYTES", 1)
     monkeypatch.setattr(rasterise, "_SUMS_AT_ONCE", 1000)
     turned = np.random.default_rng(1).permutation(60)
@@ -162,7 +162,7 @@ def test_boxes_are_those_of_the_twin(
 
     Both have the same corners, rounded to 2^-31 of the cube, and the same shares of them."""
     if parts:
-        monkeypatch.setattr(corners, "_AT_ONCE", 50)
+        monkeypatch.setattr(corners, "AT_ONCE", 50)
         monkeypatch.setattr(rasterise, "_LANES", 150)
     frame = Frame((-1.0, 2.0, 0.5), 3.2, 5)
     rng = np.random.default_rng(5)
@@ -174,14 +174,14 @@ def test_boxes_are_those_of_the_twin(
     lower_m, upper_m = (frame.lower_m + corner * frame.cell_m for corner in (lower, upper))
     amounts = [rng.uniform(0.0, 1.0, 400), rng.uniform(-1e6, 1e6, 400)]
     sums: list[list[Floats]] = []
-    marks: list[Touched] = []
+    marks: list[Directory] = []
     for chosen in (None, device):
         boxes = place_boxes(frame, lower_m, upper_m, content="gas", device=chosen)
-        assert isinstance(boxes, PlacedBoxes if chosen is None else Rasterised)
+        assert isinstance(boxes, PlacedBoxes if chosen is None else BoxRasteriser)
         marks.append(touched_bricks(frame, [boxes], limit=10**9))
-        sums.append([np.zeros(marks[-1].slots * BRICK**3) for _ in amounts])
+        sums.append([np.zeros(np.count_nonzero(marks[-1] >= 0) * BRICK**3) for _ in amounts])
         boxes.add(marks[-1], amounts, sums[-1])
-    np.testing.assert_array_equal(marks[0].directory, marks[1].directory)
+    np.testing.assert_array_equal(marks[0], marks[1])
     resolution = 1e-12 if device.info.float64 else 1e-5
     for expected_sum, found, amount in zip(*sums, amounts, strict=True):
         np.testing.assert_allclose(found, expected_sum, atol=resolution * np.abs(amount).sum())

@@ -35,7 +35,7 @@ KEPT: dict[str, str] = {
     "drivers": "",
     "gpu": "others",  # of `Device`
     "io": "what",  # of `Run.plot`
-    "medium": "first last whole",
+    "medium": "first last",
     "optics": "near",
     "prepare": "made text",
     "radiance": "",

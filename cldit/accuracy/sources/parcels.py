@@ -36,7 +36,7 @@ ParcelVariants = tuple[tuple[Sources, Sources], Sources | None, float]
 
 
 def parcel_variants(prepared: Prepared) -> ParcelVariants:
-    """Variants of a spray whose parcels are a sample, see `cldit.medium.cloud.Variants`."""
+    """Variants of a spray whose parcels are a sample, see `cldit.medium.cloud.variants`."""
     traced, spray = prepared.made, prepared.spray
     assert traced.parcels is not None and spray.parcels is not None
     if spray.parcels.extent is None or traced.parcels.extent is not None:
@@ -44,9 +44,9 @@ def parcel_variants(prepared: Prepared) -> ParcelVariants:
         half_a, half_b = (prepared.sources_of(replace(spray, parcels=half)) for half in parts)
         return (half_a, half_b), None, 0.5
     kernel = Kernel(exposure_s=prepared.scene.camera.smear_s)
-    clouds = variants(traced, kernel=kernel, seed=_SEED)
-    half_a, half_b = (prepared.sources_of(half) for half in clouds.halves)
-    return (half_a, half_b), prepared.sources_of(clouds.narrower), SAMPLING
+    sprays = variants(traced, kernel=kernel, seed=_SEED)
+    half_a, half_b, narrower = (prepared.sources_of(spray) for spray in sprays)
+    return (half_a, half_b), narrower, SAMPLING
 
 
 class _Parcels(ErrorSource):

@@ -257,8 +257,8 @@ def _droplet_rows(used: Droplets, measured: Droplets | None, strata: Floats) -> 
     paper = ("", "0 (isotropic)", "")
     rows = [Row(*row) for row in zip(names, scene_values, theirs, paper, strict=True)]
     error = table_error(used.table)
-    note = f"Q_sca {error.scattering:.1g}, Q_abs {error.absorption:.1g}, g {error.asymmetry:.1g}"
-    rows.append(Row("largest error of the table", f"{100 * error.largest:.2g} %", note=note))
+    note = "Q_sca {:.1g}, Q_abs {:.1g}, g {:.1g}".format(*error)
+    rows.append(Row("largest error of the table", f"{100 * max(error):.2g} %", note=note))
     return rows
 
 

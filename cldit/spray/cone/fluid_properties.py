@@ -7,8 +7,6 @@ arbitrary zero of each substance; liquid and vapour of n-heptane share theirs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,7 +18,21 @@ HEPTANE_CRITICAL_Pa = 2.74e6
 HEPTANE_BOILING_K = 371.58
 HEPTANE_DIFFUSION_VOLUME = 148.26  # Fuller, Ensley and Giddings: 7 C and 16 H, cm3/mol
 NITROGEN_DIFFUSION_VOLUME = 18.5
-_LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; constant from here
+NITROGEN_MOLAR_MASS_kg_mol = 0.0280134
+NITROGEN_LOW_K, NITROGEN_MID_K = 200.0, 1000.0  # ranges of its two polynomials begin
+# Of heat capacities: a to d of NSRDS 14, a to e of NSRDS 7 (J/(kg K) and K), and two NASA
+# polynomials in T of cp over the gas constant.
+COEFFICIENTS: dict[str, tuple[tuple[float, ...], ...]] = {
+    "heptane liquid cp": (
+        (6.11976102401216, 3137.69909384855, 182.274175063868, -254.530511150515),
+    ),
+    "heptane vapour cp": ((1199.05392998284, 3992.85457666361, 1676.6, 2734.42177956968, 756.4),),
+    "nitrogen cp": (
+        (3.298677, 1.4082404e-3, -3.963222e-6, 5.641515e-9, -2.444854e-12),
+        (2.926640, 1.4879768e-3, -5.684760e-7, 1.0097038e-10, -6.753351e-15),
+    ),
+}
+HEPTANE_LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; constant from here
 
 
 def heptane_saturation_pressure_Pa(temperature_K: ArrayLike) -> Floats:
@@ -41,18 +53,17 @@ def heptane_latent_heat_J_kg(temperature_K: ArrayLike) -> Floats:
     return np.asarray(499121.791545248 * (1 - t / HEPTANE_CRITICAL_K) ** 0.38795)
 
 
-# a to d of NSRDS 14 for the liquid, and a to e of NSRDS 7 for the vapour, J/(kg K) and K
-_CPL = (6.11976102401216, 3137.69909384855, 182.274175063868, -254.530511150515)
-_CPG = (1199.05392998284, 3992.85457666361, 1676.6, 2734.42177956968, 756.4)
-
-
 def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
     """Heat capacity of the liquid, NSRDS 14 in t = 1 - T/Tc; any shape.
 
     a^2/t + b - 2act - adt^2 - c^2t^3/3 - cdt^4/2 - d^2t^5/5
     """
-    a, b, c, d = _CPL
-    t = 1 - np.minimum(np.asarray(temperature_K, dtype=float), _LIQUID_MAX_K) / HEPTANE_CRITICAL_K
+    ((a, b, c, d),) = COEFFICIENTS["heptane liquid cp"]
+    t = (
+        1
+        - np.minimum(np.asarray(temperature_K, dtype=float), HEPTANE_LIQUID_MAX_K)
+        / HEPTANE_CRITICAL_K
+    )
     slow = t * (2 * a * c + t * (a * d + t * (c * c / 3 + t * (c * d / 2 + t * d * d / 5))))
     return np.asarray(a * a / t + b - slow)
 
@@ -62,27 +73,27 @@ def heptane_vapour_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
 
     a + b (c/T / sinh(c/T))^2 + d (e/T / cosh(e/T))^2
     """
-    a, b, c, d, e = _CPG
+    ((a, b, c, d, e),) = COEFFICIENTS["heptane vapour cp"]
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(a + b * (c / t / np.sinh(c / t)) ** 2 + d * (e / t / np.cosh(e / t)) ** 2)
 
 
 def _liquid_integral(temperature_K: Floats) -> Floats:
     """Integral of the liquid's cp over T, by the closed form of NSRDS 14."""
-    a, b, c, d = _CPL
-    held = np.minimum(temperature_K, _LIQUID_MAX_K)
+    ((a, b, c, d),) = COEFFICIENTS["heptane liquid cp"]
+    held = np.minimum(temperature_K, HEPTANE_LIQUID_MAX_K)
     t = 1 - held / HEPTANE_CRITICAL_K
     powers = (
         a * a * np.log(t)
         + b * t
         - t * t * (a * c + t * (a * d / 3 + t * (c * c / 12 + t * (c * d / 10 + t * d * d / 30))))
     )
-    beyond = (temperature_K - held) * heptane_liquid_cp_J_kg_K(_LIQUID_MAX_K)
+    beyond = (temperature_K - held) * heptane_liquid_cp_J_kg_K(HEPTANE_LIQUID_MAX_K)
     return np.asarray(-HEPTANE_CRITICAL_K * powers + beyond)
 
 
 def _vapour_integral(temperature_K: Floats) -> Floats:
-    a, b, c, d, e = _CPG
+    ((a, b, c, d, e),) = COEFFICIENTS["heptane vapour cp"]
     t = temperature_K
     return np.asarray(a * t + b * c / np.tanh(c / t) - d * e * np.tanh(e / t))
 
@@ -105,33 +116,25 @@ def heptane_vapour_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
     return start + _vapour_integral(t) - _vapour_integral(np.asarray(HEPTANE_BOILING_K))
 
 
-@dataclass(frozen=True)
-class IdealGas:
-    """Ideal gas with seven-coefficient NASA polynomials; cp is constant below `low_K`."""
+def nitrogen_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
+    """Heat capacity at constant pressure, any shape; constant below `NITROGEN_LOW_K`."""
+    t = np.maximum(np.asarray(temperature_K, dtype=float), NITROGEN_LOW_K)
+    ratio = np.where(t < NITROGEN_MID_K, *(_horner(row, t) for row in COEFFICIENTS["nitrogen cp"]))
+    return np.asarray(ratio * (GAS_CONSTANT_J_mol_K / NITROGEN_MOLAR_MASS_kg_mol))
 
-    molar_mass_kg_mol: float
-    low_K: float
-    mid_K: float
-    cold: tuple[float, float, float, float, float]
-    hot: tuple[float, float, float, float, float]
 
-    def cp_J_kg_K(self, temperature_K: ArrayLike) -> Floats:
-        """Heat capacity at constant pressure, any shape; constant below `low_K`."""
-        t = np.maximum(np.asarray(temperature_K, dtype=float), self.low_K)
-        ratio = np.where(t < self.mid_K, _horner(self.cold, t), _horner(self.hot, t))
-        return np.asarray(ratio * (GAS_CONSTANT_J_mol_K / self.molar_mass_kg_mol))
-
-    def enthalpy_J_kg(self, temperature_K: ArrayLike) -> Floats:
-        """Enthalpy, zero at `mid_K`; any shape."""
-        t = np.asarray(temperature_K, dtype=float)
-        held = np.maximum(t, self.low_K)
-        rise = np.where(held < self.mid_K, self._heat(self.cold, held), self._heat(self.hot, held))
-        cold = (t - held) * self.cp_J_kg_K(self.low_K)
-        return np.asarray(rise * (GAS_CONSTANT_J_mol_K / self.molar_mass_kg_mol) + cold)
-
-    def _heat(self, coefficients: tuple[float, ...], t: Floats) -> Floats:
-        slope = tuple(value / (power + 1) for power, value in enumerate(coefficients))
-        return np.asarray(t * _horner(slope, t) - self.mid_K * _horner(slope, self.mid_K))
+def nitrogen_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
+    """Enthalpy, zero at `NITROGEN_MID_K`; any shape."""
+    t = np.asarray(temperature_K, dtype=float)
+    held = np.maximum(t, NITROGEN_LOW_K)
+    heats = []
+    for row in COEFFICIENTS["nitrogen cp"]:
+        slope = tuple(value / (power + 1) for power, value in enumerate(row))
+        end = NITROGEN_MID_K * _horner(slope, NITROGEN_MID_K)
+        heats.append(held * _horner(slope, held) - end)
+    rise = np.where(held < NITROGEN_MID_K, *heats)
+    cold = (t - held) * nitrogen_cp_J_kg_K(NITROGEN_LOW_K)
+    return np.asarray(rise * (GAS_CONSTANT_J_mol_K / NITROGEN_MOLAR_MASS_kg_mol) + cold)
 
 
 def _horner(coefficients: tuple[float, ...], t: Floats | float) -> Floats:
@@ -139,15 +142,6 @@ def _horner(coefficients: tuple[float, ...], t: Floats | float) -> Floats:
     for value in reversed(coefficients):
         result = result * t + value
     return result
-
-
-NITROGEN = IdealGas(
-    molar_mass_kg_mol=0.0280134,
-    low_K=200.0,
-    mid_K=1000.0,
-    cold=(3.298677, 1.4082404e-3, -3.963222e-6, 5.641515e-9, -2.444854e-12),
-    hot=(2.926640, 1.4879768e-3, -5.684760e-7, 1.0097038e-10, -6.753351e-15),
-)
 
 
 def heptane_vapour_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:

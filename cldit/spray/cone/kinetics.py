@@ -20,18 +20,17 @@ from cldit.arrays import Floats
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile, speed_profile
 from cldit.spray.cone.mixing import Mixture
-from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, follow_droplets
+from cldit.spray.droplet.advance import (
+    GAS_TOLERANCE,
+    DropletStates,
+    DropletSurroundings,
+    follow_droplets,
+)
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
 ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
-# Twice as many change the evaporated share of `gdi-cone` by at most 7e-4 (rings of equal area),
-# 5e-3 (classes of size) and 9e-4 (steps).
-_RINGS = 9
-_CLASSES = 8
-_STEPS = 120
 _FIRST = 1e-3  # age of the first step, over the last
-_TOLERANCE = 1e-2  # of a droplet's step
 _UNCHANGED = 1e-6  # of the way, and of the share that is left
 
 
@@ -65,11 +64,15 @@ def plume_kinetics(
     kernels: DropletKernels,
     *,
     oldest_s: float,
-    rings: int = _RINGS,
-    classes: int = _CLASSES,
-    steps: int = _STEPS,
+    rings: int = 9,
+    classes: int = 8,
+    steps: int = 120,
 ) -> Kinetics:
-    """Evaporation along a plume up to the age `oldest_s`, by `steps` rising in length."""
+    """Evaporation along a plume up to the age `oldest_s`, by `steps` rising in length.
+
+    Twice as many change the evaporated share of `gdi-cone` by at most 7e-4 (`rings` of equal area),
+    5e-3 (`classes` of size) and 9e-4 (`steps`).
+    """
     age = np.append(0.0, np.geomspace(_FIRST, 1.0, steps)) * oldest_s
     xi = np.sqrt((np.arange(rings) + 0.5) / rings)
     diameter = strata_m(spec.droplets, classes)
@@ -97,7 +100,7 @@ def plume_kinetics(
         gas_K, fraction, gas_m_s = (np.average(field, axis=-1, weights=content) for field in fields)
         pressure = np.full(gas_K.shape, spec.ambient.pressure_Pa)
         gas = DropletSurroundings(gas_K, pressure, fraction, gas_m_s)
-        mass, velocity = follow_droplets(drops, gas, step[:, 0], kernels, tolerance=_TOLERANCE)
+        mass, velocity = follow_droplets(drops, gas, step[:, 0], kernels, tolerance=GAS_TOLERANCE)
         previous = liquid.copy(), distance.copy()
         liquid[1:] = np.minimum.accumulate(np.minimum(mass / start, 1.0))
         speed[1:] = np.where(liquid[1:] > 0, velocity, gas_m_s)

@@ -8,7 +8,6 @@ not had time for equilibrium, the evaporated share is the second axis of the tab
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,35 +18,26 @@ from cldit.arrays import Floats, Ints
 from cldit.constants import GAS_CONSTANT_J_mol_K, HEPTANE_MOLAR_MASS_kg_mol
 from cldit.errors import SprayError
 from cldit.io.free_memory import parts
+from cldit.spray.bisection import rising_root
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
-    NITROGEN,
     HEPTANE_CRITICAL_Pa,
+    NITROGEN_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,
     heptane_vapour_cp_J_kg_K,
     heptane_vapour_enthalpy_J_kg,
+    nitrogen_cp_J_kg_K,
+    nitrogen_enthalpy_J_kg,
 )
 from cldit.spray.cone.wet_bulb import at_rest
 from cldit.spray.droplet.arrays import DropletKernels
 
-_HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
-_ZOOMS = 7  # each by 299: 1e15, down to rounding
 _FINE = 400  # entries in the range of liquid: steps of 4 % in B, 1e7^(1/399)
 # Evaporated shares from 0 to 1, linear between them. Rich mixtures are saturated at a share of some
 # 1 %, so steps grow from 0.02 to 2.5 %: gas within 5 K at B up to 100, where even ones leave 44 K.
 _SLICES = 81
-
-
-@dataclass(frozen=True)
-class MixtureState:
-    """State of a mixture; all (N,). evaporated: share 0..1 of the fuel; fuel_to_gas: B."""
-
-    gas_K: Floats
-    liquid_K: Floats
-    evaporated: Floats
-    fuel_to_gas: Floats
 
 
 @dataclass(frozen=True)
@@ -70,14 +60,15 @@ class Mixture:
     saturation_B: float = float("nan")
     saturation_K: float = float("nan")
 
-    def at(self, fuel_kg_m3: ArrayLike, kinetic: ArrayLike = 1.0) -> MixtureState:
-        """State at a fuel content and at the share `kinetic` that has had time to evaporate.
+    def at(self, fuel_kg_m3: ArrayLike, kinetic: ArrayLike = 1.0) -> tuple[Floats, ...]:
+        """gas_K, liquid_K, evaporated share of the fuel, and ratio B, at a fuel content.
 
-        Both have one shape; values beyond the table are those of its ends.
+        `kinetic` is the share that has had time to evaporate. All have one shape; values beyond
+        the table are those of its ends.
         """
         content, share = np.broadcast_arrays(np.asarray(fuel_kg_m3, dtype=float), kinetic)
-        state = MixtureState(*(np.empty(content.shape) for _ in range(4)))
-        targets = [array.reshape(-1) for array in vars(state).values()]
+        state = tuple(np.empty(content.shape) for _ in range(4))
+        targets = [array.reshape(-1) for array in state]
         content, share = content.reshape(-1), share.reshape(-1)
         for part in parts(content.size):
             state_part = self._state(content[part], share[part])
@@ -170,14 +161,14 @@ def heptane_state(
             f"n-heptane; with evaporation the cone model allows less than {HEPTANE_CRITICAL_Pa:g}"
         )
     ratio = np.asarray(fuel_to_gas, dtype=float)
-    supply = ratio * heptane_liquid_enthalpy_J_kg(fuel_K) + NITROGEN.enthalpy_J_kg(gas_K)
+    supply = ratio * heptane_liquid_enthalpy_J_kg(fuel_K) + nitrogen_enthalpy_J_kg(gas_K)
 
     def share(temperature: Floats) -> Floats:
         """Evaporated share: up to B_sat of saturated nitrogen, or all of the fuel."""
         mole = heptane_saturation_pressure_Pa(temperature) / pressure_Pa
         boiling = (mole >= 1) | (temperature >= HEPTANE_CRITICAL_K)
         mole = np.where(boiling, 0.5, mole)
-        taken = HEPTANE_MOLAR_MASS_kg_mol / NITROGEN.molar_mass_kg_mol * mole / (1 - mole)
+        taken = HEPTANE_MOLAR_MASS_kg_mol / NITROGEN_MOLAR_MASS_kg_mol * mole / (1 - mole)
         return np.where(boiling, 1.0, np.minimum(1.0, taken / ratio))
 
     def excess(temperature: Floats) -> Floats:
@@ -185,7 +176,7 @@ def heptane_state(
         fuel = f * heptane_vapour_enthalpy_J_kg(temperature) + (
             1 - f
         ) * heptane_liquid_enthalpy_J_kg(temperature)
-        return np.asarray(ratio * fuel + NITROGEN.enthalpy_J_kg(temperature) - supply)
+        return np.asarray(ratio * fuel + nitrogen_enthalpy_J_kg(temperature) - supply)
 
     low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
     high = np.full(ratio.shape, max(gas_K, fuel_K) * (1 + 1e-12))
@@ -210,7 +201,7 @@ def lagging_state(
     ratio, share = np.broadcast_arrays(
         np.asarray(fuel_to_gas, dtype=float), np.asarray(evaporated, dtype=float)
     )
-    supply = ratio * heptane_liquid_enthalpy_J_kg(fuel_K) + NITROGEN.enthalpy_J_kg(gas_K)
+    supply = ratio * heptane_liquid_enthalpy_J_kg(fuel_K) + nitrogen_enthalpy_J_kg(gas_K)
     vapour, liquid = ratio * share, ratio * (1 - share)
     hottest = 2 * max(gas_K, fuel_K)
     gas = np.full(ratio.shape, gas_K)
@@ -220,8 +211,8 @@ def lagging_state(
         nonlocal gas
         supplied = supply - liquid * heptane_liquid_enthalpy_J_kg(surface)
         for _ in range(2):
-            enthalpy = vapour * heptane_vapour_enthalpy_J_kg(gas) + NITROGEN.enthalpy_J_kg(gas)
-            slope = vapour * heptane_vapour_cp_J_kg_K(gas) + NITROGEN.cp_J_kg_K(gas)
+            enthalpy = vapour * heptane_vapour_enthalpy_J_kg(gas) + nitrogen_enthalpy_J_kg(gas)
+            slope = vapour * heptane_vapour_cp_J_kg_K(gas) + nitrogen_cp_J_kg_K(gas)
             gas = np.clip(gas + (supplied - enthalpy) / slope, 0.3 * gas_K, hottest)
         return gas
 
@@ -293,7 +284,7 @@ def _table(
     per_pascal = GAS_CONSTANT_J_mol_K * gas_K / pressure_Pa
     volume = (  # of the mixture, per mass of fuel
         evaporated * per_pascal / HEPTANE_MOLAR_MASS_kg_mol
-        + per_pascal / (NITROGEN.molar_mass_kg_mol * ratio)
+        + per_pascal / (NITROGEN_MOLAR_MASS_kg_mol * ratio)
         + (1 - evaporated) / heptane_density_kg_m3(liquid_K)
     )
     return Mixture(
@@ -303,23 +294,13 @@ def _table(
 
 def _saturation(**conditions: float) -> float:
     """Ratio B at which the last liquid evaporates, from tables of increasing resolution."""
-    low, high = 1e-9, 1e6
-    for _ in range(_ZOOMS):
-        ratio = np.geomspace(low, high, 300)
+    low, high, steps = 1e-9, 1e6, 299
+    zooms = np.log(np.log(high / low) / np.finfo(float).eps) / np.log(steps)  # down to rounding
+    for _ in range(int(np.ceil(zooms))):
+        ratio = np.geomspace(low, high, steps + 1)
         _, share = heptane_state(ratio, **conditions)
         index = int(np.argmax(share < 1))
         if share[index] == 1 or index == 0:
             return float("nan")  # all or none evaporates in every mixture
         low, high = ratio[index - 1], ratio[index]
     return float(low)
-
-
-def rising_root(
-    excess: Callable[[Floats], Floats], low: Floats, high: Floats, *, halvings: int = _HALVINGS
-) -> Floats:
-    """Root of a rising function between two bounds, element by element, by bisection."""
-    for _ in range(halvings):
-        middle = 0.5 * (low + high)
-        above = excess(middle) > 0
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return 0.5 * (low + high)

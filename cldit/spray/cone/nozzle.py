@@ -13,7 +13,7 @@ from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray, LagrangianSpray, Plume
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import Mixture, heptane_mixture
-from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, droplet_kernels, wet_bulb
+from cldit.spray.cone.wet_bulb import D2Law, d2_law, droplet_kernels, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import FREE_DROP_M, strata_m
 
@@ -70,15 +70,20 @@ def check_free_drops(largest_m: float) -> None:
 
 @dataclass(frozen=True)
 class NozzleFlow:
-    """Flow from the holes, the same for every plume except for the rate."""
+    """Flow from the holes, the same for every plume except for the rate.
+
+    kernels: of droplets that evaporate, whose wet bulb and K of the d^2 law in the undisturbed gas
+    are wet_bulb_K and rate_m2_s; NaN without evaporation.
+    """
 
     speed_m_s: float
     density_kg_m3: float
     flux_kg_m2_s: float
     mixture: Mixture
-    sizes: D2Law | None = None
-    bulb: WetBulb | None = None
-    kernels: DropletKernels | None = None  # of droplets that evaporate
+    sizes: D2Law
+    kernels: DropletKernels | None
+    wet_bulb_K: float
+    rate_m2_s: float
 
 
 def nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
@@ -109,13 +114,13 @@ def _nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
     )
     classes = strata_m(spec.droplets, _CLASSES)
     check_free_drops(classes[-1])
-    bulb = None
+    bulb_K, rate, start = np.nan, np.nan, None
     if kernels is not None:
-        bulb = wet_bulb(
+        bulb_K, rate, start = wet_bulb(
             kernels,
             gas_K=ambient.temperature_K,
             pressure_Pa=ambient.pressure_Pa,
             fuel_K=spec.fuel_temperature_K,
         )
-    sizes = d2_law(classes, bulb)
-    return NozzleFlow(speed, density, density * speed, mixture, sizes, bulb, kernels)
+    sizes = d2_law(classes, start)
+    return NozzleFlow(speed, density, density * speed, mixture, sizes, kernels, bulb_K, rate)

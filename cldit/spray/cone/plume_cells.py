@@ -14,6 +14,7 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints
 from cldit.gpu.device import Device
+from cldit.io.free_memory import parts
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import profile
 from cldit.spray.cone.mixing import bilinear
@@ -23,7 +24,6 @@ from cldit.spray.cone.plumes import XI2, Plume, plumes_of, shares_of
 NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive
 ACROSS = 4.0  # cells in the radius of the plume, as far as `DEEPEST` halvings allow
 DEEPEST = 3  # halvings of a cell of the lattice
-_AT_ONCE = 1e5  # of these, processed in the cache
 
 
 @dataclass(frozen=True)
@@ -51,26 +51,6 @@ class PlumeCells:
         return np.divide(self.total(value * weight), sums, out=np.zeros_like(sums), where=sums > 0)
 
 
-@dataclass(frozen=True)
-class _Lattice:
-    """Lattice of cells; those within `halved_within[k]` edges of the nozzle are halved k + 1 times
-    or more."""
-
-    edge_m: float
-    halved_within: tuple[float, ...]
-
-    @classmethod
-    def of(cls, edge_m: float, plumes: Sequence[Plume]) -> _Lattice:
-        radii = [ACROSS * edge_m / 2**halvings for halvings in range(DEEPEST)]
-        ratios = (max(plume.distance_m(radius) for plume in plumes) / edge_m for radius in radii)
-        return cls(edge_m, tuple(ratio for ratio in ratios if ratio > 0))
-
-    def halvings(self, cell: Ints) -> Ints:
-        """Number of times (N,) that cells (3, N) are halved."""
-        r2 = np.sum((cell + 0.5) ** 2, axis=0)
-        return np.asarray(np.count_nonzero(r2 < np.square(self.halved_within)[:, None], axis=0))
-
-
 _Run = tuple[Ints, Ints, Floats, Floats, Floats]
 
 
@@ -78,8 +58,12 @@ def plume_cells(spec: ConeSpray, device: Device, *, injected: float) -> PlumeCel
     """Cells that the plumes of a spray fill with the `injected` fuel, in order."""
     source = nozzle_flow(spec, device)
     shares, plumes = shares_of(spec), plumes_of(spec, device)
-    lattice = _Lattice.of(spec.lattice_m, plumes)
-    runs = [_filled(spec, plume, source, lattice) for plume in plumes]
+    edge_m = spec.lattice_m
+    radii = [ACROSS * edge_m / 2**halvings for halvings in range(DEEPEST)]
+    reaches = (max(plume.distance_m(radius) for plume in plumes) / edge_m for radius in radii)
+    # Cells within reach k of the nozzle, in edges, are halved k + 1 times or more.
+    halved_within = [reach for reach in reaches if reach > 0]
+    runs = [_filled(plume, source, edge_m, halved_within) for plume in plumes]
     cells = [cell for cell, *_ in runs]
     masses = [
         amount * (share * injected / amount.sum())
@@ -87,10 +71,10 @@ def plume_cells(spec: ConeSpray, device: Device, *, injected: float) -> PlumeCel
     ]
     low = np.min([cell.min(axis=1) for cell in cells], axis=0)
     shape = tuple(np.max([cell.max(axis=1) for cell in cells], axis=0) - low + 1)
-    parts = 8**DEEPEST
+    finest = 8**DEEPEST
     joined = np.concatenate(
         [
-            np.ravel_multi_index(tuple(cell - low[:, None]), shape) * parts + part
+            np.ravel_multi_index(tuple(cell - low[:, None]), shape) * finest + part
             for cell, part, *_ in runs
         ]
     )
@@ -110,10 +94,10 @@ def plume_cells(spec: ConeSpray, device: Device, *, injected: float) -> PlumeCel
     )
     kept = np.delete(np.arange(len(mass)), thinnest(mass, NEGLIGIBLE * injected))
     mass = mass[kept] * (injected / mass[kept].sum())
-    keys = keys[kept] // parts
+    keys = keys[kept] // finest
     start = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     cell = np.stack(np.unravel_index(keys[start], shape)) + low[:, None]
-    volume = lattice.edge_m**3 / 8.0 ** lattice.halvings(cell)
+    volume = edge_m**3 / 8.0 ** _halvings(cell, halved_within)
     content = mass / (filled[kept] * np.repeat(volume, np.diff(np.append(start, len(mass)))))
     return PlumeCells(cell.T, start, mass, content, np.minimum(kinetic[kept], 1.0))
 
@@ -131,7 +115,15 @@ def thinnest(amount: Floats, limit: float) -> Ints:
     return np.asarray(order[np.cumsum(amount[order]) <= limit])
 
 
-def _filled(spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice) -> _Run:
+def _halvings(cell: Ints, halved_within: Sequence[float]) -> Ints:
+    """Number of times (N,) that cells (3, N) are halved."""
+    r2 = np.sum((cell + 0.5) ** 2, axis=0)
+    return np.asarray(np.count_nonzero(r2 < np.square(halved_within)[:, None], axis=0))
+
+
+def _filled(
+    plume: Plume, source: NozzleFlow, edge_m: float, halved_within: Sequence[float]
+) -> _Run:
     """Parts of cells that one plume fills: cell (3, N), number in it, and three values (N,).
 
     These are the fuel in kg, the filled share, and the share of the fuel that has had time to
@@ -140,8 +132,8 @@ def _filled(spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice
     """
     runs = [
         run
-        for halvings in range(len(lattice.halved_within) + 1)
-        for run in _in_parts(spec, plume, source, lattice, halvings)
+        for halvings in range(len(halved_within) + 1)
+        for run in _in_parts(plume, source, edge_m, halved_within, halvings)
     ]
     cell, *columns = zip(*runs, strict=True)
     part, amount, filled, kinetic = (np.concatenate(column) for column in columns)
@@ -149,17 +141,17 @@ def _filled(spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice
 
 
 def _in_parts(
-    spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice, halvings: int
+    plume: Plume, source: NozzleFlow, edge_m: float, halved_within: Sequence[float], halvings: int
 ) -> Iterator[_Run]:
     """Yields the parts of cells that are halved so many times, as `_filled`, slab by slab."""
-    h = lattice.edge_m / 2**halvings
+    h = edge_m / 2**halvings
     width_m = plume.width_m(h)
     # A cell whose middle is near the nozzle reaches beyond it by less than its edge.
-    within_m = (lattice.halved_within[halvings - 1] + 1) * lattice.edge_m if halvings else np.inf
+    within_m = (halved_within[halvings - 1] + 1) * edge_m if halvings else np.inf
     lower, upper = plume.box_m(h, within_m)
     most_m = float(np.max(width_m + np.linalg.norm(plume.aside_m, axis=1)))
     low, high = np.floor(lower / h).astype(np.int64), np.ceil(upper / h).astype(np.int64)
-    slabs = max(1, int(np.prod((high - low).astype(float)) / _AT_ONCE))
+    slabs = max(1, sum(1 for _ in parts(int(np.prod(high - low)))))  # processed in the cache
     for x in np.array_split(np.arange(low[0], high[0]), slabs):
         if not x.size:
             continue
@@ -180,7 +172,7 @@ def _in_parts(
         xi2 = np.maximum(r2, 0.0) / width**2
         place = [indices[i] for indices, i in zip(ranges, np.unravel_index(at, box), strict=True)]
         cell = np.stack([index >> halvings for index in place])
-        inside = (xi2 < 1) & (lattice.halvings(cell) == halvings)
+        inside = (xi2 < 1) & (_halvings(cell, halved_within) == halvings)
         s, xi2, width, cell = s[inside], xi2[inside], width[inside], cell[:, inside]
         ratio = plume.jet.axis_ratio(s) * profile(np.sqrt(xi2))
         filled = (np.interp(s, plume.along_m, plume.radius_m) / width) ** 2

@@ -14,7 +14,7 @@ from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.attraction import displaced_m
-from cldit.spray.cone.fluid_properties import NITROGEN
+from cldit.spray.cone.fluid_properties import NITROGEN_MOLAR_MASS_kg_mol
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, plume_axis, without_lattice
@@ -123,7 +123,7 @@ def _plumes(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
     source = nozzle_flow(spec, device)
     gas_kg_m3 = (
         spec.ambient.pressure_Pa
-        * NITROGEN.molar_mass_kg_mol
+        * NITROGEN_MOLAR_MASS_kg_mol
         / (GAS_CONSTANT_J_mol_K * spec.ambient.temperature_K)
     )
     jets = [

@@ -21,19 +21,23 @@ from __future__ import annotations
 import numpy as np
 
 from cldit.arrays import Floats, Ints
-from cldit.constants import AVOGADRO_PER_MOL, HEPTANE_MOLAR_MASS_kg_mol
+from cldit.constants import (
+    AVOGADRO_PER_MOL,
+    HEPTANE_MOLAR_MASS_kg_mol,
+    SECOND_RADIATION_CONSTANT_m_K,
+)
 from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
-from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, flow_coefficient, nozzle_flow
-from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
+from cldit.spray.cone.plume_cells import plume_cells, thinnest
 from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
 SMALLEST_m = 1e-7  # smaller droplets count as evaporated
-_WIEN_K = 4232.0  # h c / (k lambda) at 3.4 um, of the radiance whose mean a cell's vapour has
+# h c / (k lambda) at 3.4 um, of the radiance whose mean a cell's vapour has; 4232 K
+_WIEN_K = float(np.rint(SECOND_RADIATION_CONSTANT_m_K / 3.4e-6))
 
 
 def make_cone(spec: ConeSpray, device: Device) -> Spray:
@@ -58,23 +62,23 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
     if injected == 0:
         return Spray(notes=notes, remarks=remarks)
     cells = plume_cells(spec, device, injected=injected)
-    state = source.mixture.at(cells.content_kg_m3, cells.kinetic)
-    liquid_parts = cells.mass_kg * (1 - state.evaporated)
-    parcels, liquid = _parcels(spec, source, cells, state, liquid_parts)
+    hot_K, liquid_K, evaporated, ratio = source.mixture.at(cells.content_kg_m3, cells.kinetic)
+    liquid_parts = cells.mass_kg * (1 - evaporated)
+    means = (cells.mean(values, liquid_parts) for values in (liquid_K, evaporated))
+    parcels, liquid = _parcels(spec, source, cells.cell, cells.total(liquid_parts), *means)
     gone = cells.total(cells.mass_kg) - liquid
-    fraction = state.evaporated * state.fuel_to_gas / (1 + state.fuel_to_gas)
+    fraction = evaporated * ratio / (1 + ratio)
     seen = (cells.cell[cells.mean(fraction, cells.mass_kg) >= 1e-3] + 0.5) * spec.lattice_m
     notes |= {
         "jet_speed_m_s": source.speed_m_s,
         "cells": float(len(cells.cell)),
-        "coldest_K": float(state.gas_K.min()),
+        "coldest_K": float(hot_K.min()),
         "vapour_penetration_m": float(np.linalg.norm(seen, axis=1).max(initial=0.0)),
         "vapour_mass_kg": float(gone.sum()),
         "liquid_mass_kg": 0.0 if parcels is None else parcels.mass_kg,
     }
-    if source.bulb is not None:
-        notes["wet_bulb_K"] = source.bulb.temperature_K
-        notes["evaporation_rate_m2_s"] = source.bulb.rate_m2_s
+    if source.kernels is not None:
+        notes |= {"wet_bulb_K": source.wet_bulb_K, "evaporation_rate_m2_s": source.rate_m2_s}
     if np.isfinite(source.mixture.saturation_K):
         notes["saturation_K"] = source.mixture.saturation_K
         notes["saturation_fuel_ratio"] = source.mixture.saturation_B
@@ -88,7 +92,7 @@ def make_cone(spec: ConeSpray, device: Device) -> Spray:
         }
     # The mean radiance of the parts; those without vapour have a millionth of their fuel.
     weight = cells.mass_kg - (1 - 1e-6) * liquid_parts
-    gas_K = _WIEN_K / -np.log(cells.mean(np.exp(-_WIEN_K / state.gas_K), weight))
+    gas_K = _WIEN_K / -np.log(cells.mean(np.exp(-_WIEN_K / hot_K), weight))
     vapour = _vapour(spec, cells.cell, gone, gas_K)
     return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)
 
@@ -106,25 +110,26 @@ def _without_effect(spec: ConeSpray) -> tuple[str, ...]:
 def _parcels(
     spec: ConeSpray,
     source: NozzleFlow,
-    cells: PlumeCells,
-    state: MixtureState,
-    liquid_parts: Floats,
+    cell: Ints,
+    liquid: Floats,
+    liquid_K: Floats,
+    evaporated: Floats,
 ) -> tuple[Parcels | None, Floats]:
-    """Parcels of all cells, and the liquid of each cell (C,); the rest of its fuel is vapour.
+    """Parcels of all cells (C, 3), and the liquid of each (C,); the rest of its fuel is vapour.
 
-    A cell has a parcel for each size class. The classes have equal mass and fill the cell
-    uniformly: nothing is random.
+    `liquid` (C,) is that of the mixture, with its mean temperature and evaporated share. A cell has
+    a parcel for each size class. The classes have equal mass and fill the cell uniformly: nothing
+    is random.
     """
-    liquid = cells.total(liquid_parts)
-    if source.bulb is not None:
+    if source.kernels is not None:
         liquid[thinnest(liquid, THIN * liquid.sum())] = 0.0
     wet = np.flatnonzero(liquid > 0)
-    if source.sizes is None or not wet.size:
+    if not wet.size:
         return None, np.zeros(len(liquid))
     count = spec.classes
-    temperature = cells.mean(state.liquid_K, liquid_parts)[wet]
+    temperature = liquid_K[wet]
     density = heptane_density_kg_m3(temperature)
-    diameter = source.sizes.diameters_m(cells.mean(state.evaporated, liquid_parts)[wet], count)
+    diameter = source.sizes.diameters_m(evaporated[wet], count)
     diameter *= np.cbrt(source.density_kg_m3 / density)[:, None]
     droplets = diameter * diameter
     droplets *= diameter
@@ -143,7 +148,7 @@ def _parcels(
         return wide.reshape(-1) if complete else wide[seen]
 
     place = np.empty((3, np.count_nonzero(seen)))  # rows of three would be slow
-    for row, along in zip(place, cells.cell.T, strict=True):
+    for row, along in zip(place, cell.T, strict=True):
         row[:] = for_each(((along[wet] + 0.5) * spec.lattice_m)[:, None])
     parcels = Parcels(
         position_m=place.T,

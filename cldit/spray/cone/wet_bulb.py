@@ -19,9 +19,10 @@ from cldit.gpu.device import Device
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     HEPTANE_DIFFUSION_VOLUME,
-    NITROGEN,
+    HEPTANE_LIQUID_MAX_K,
     NITROGEN_DIFFUSION_VOLUME,
     HEPTANE_CRITICAL_Pa,
+    NITROGEN_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
     heptane_latent_heat_J_kg,
     heptane_liquid_conductivity_W_m_K,
@@ -32,6 +33,7 @@ from cldit.spray.cone.fluid_properties import (
     heptane_vapour_cp_J_kg_K,
     heptane_vapour_viscosity_Pa_s,
     nitrogen_conductivity_W_m_K,
+    nitrogen_cp_J_kg_K,
     nitrogen_viscosity_Pa_s,
 )
 from cldit.spray.droplet.arrays import DropletKernels
@@ -49,7 +51,7 @@ _STEPS = 500  # of the d^2 law
 @functools.cache
 def fluids() -> tuple[Fuel, Gas]:
     """Tables of the fits, for the evaporation models."""
-    cold = np.linspace(180.0, 535.0, 711)
+    cold = np.linspace(180.0, HEPTANE_LIQUID_MAX_K, 711)
     gas = np.linspace(150.0, 2500.0, 2351)
     liquid = {
         "ln_psat": np.log(heptane_saturation_pressure_Pa(cold)),
@@ -77,14 +79,14 @@ def fluids() -> tuple[Fuel, Gas]:
     )
     carrier = Gas(
         name="nitrogen",
-        molar_mass_kg_mol=NITROGEN.molar_mass_kg_mol,
+        molar_mass_kg_mol=NITROGEN_MOLAR_MASS_kg_mol,
         diffusion_volume=NITROGEN_DIFFUSION_VOLUME,
         critical_K=126.2,
         critical_Pa=3.396e6,
         vapour=curves(
             gas,
             {
-                "cp": NITROGEN.cp_J_kg_K(gas),
+                "cp": nitrogen_cp_J_kg_K(gas),
                 "conductivity": nitrogen_conductivity_W_m_K(gas),
                 "viscosity": nitrogen_viscosity_Pa_s(gas),
             },
@@ -117,29 +119,16 @@ def at_rest(
     return Rates(droplets.mass_kg_s.reshape(shape), droplets.heat_W.reshape(shape))
 
 
-@dataclass(frozen=True)
-class WetBulb:
-    """Steady evaporation of a droplet in gas without vapour.
-
-    rate_m2_s: K, by which d^2 decreases with time.
-    start: s0 of d^2 / d0^2 = s0 - K t / d0^2, for a droplet at its wet bulb: above 1 if it is
-    heated to it (the droplet does not shrink while the sum is above 1), below 1 if it is warmer and
-    its own heat evaporates a share (immediately).
-    """
-
-    temperature_K: float
-    rate_m2_s: float
-    start: float
-
-
 def wet_bulb(
     kernels: DropletKernels, *, gas_K: float, pressure_Pa: float, fuel_K: float
-) -> WetBulb:
-    """Wet bulb in gas without fuel, below the critical pressure of the fuel.
+) -> tuple[float, float, float]:
+    """Wet bulb in K in gas without fuel, below its critical pressure, and the d^2 law there.
 
-    With Q the heat into the liquid, dm/m = cp dT mdot/Q during the approach to the wet bulb. The
-    difference from the steady rate in the same time goes into `start`. `fuel_K` is the initial
-    temperature of the fuel.
+    The law is d^2 / d0^2 = s0 - K t / d0^2: rate K in m2/s, and start s0, which is above 1 if a
+    droplet is heated to the wet bulb (it does not shrink while the sum is above 1), and below 1 if
+    it is warmer and its own heat evaporates a share (immediately). With Q the heat into the liquid,
+    dm/m = cp dT mdot/Q during the approach to the wet bulb. The difference from the steady rate in
+    the same time goes into s0. `fuel_K` is the initial temperature of the fuel.
     """
 
     def at(surface_K: ArrayLike) -> Rates:
@@ -156,7 +145,7 @@ def wet_bulb(
     approach = at(way)
     slope = heptane_liquid_cp_J_kg_K(way) * (steady - approach.mass_kg_s) / approach.heat_W
     change = float(np.mean(slope)) * (low - fuel_K)
-    return WetBulb(low, rate, float(np.exp(2 / 3 * change)))
+    return float(low), rate, float(np.exp(2 / 3 * change))
 
 
 @dataclass(frozen=True)
@@ -189,19 +178,20 @@ class D2Law:
         return np.asarray(table[np.minimum(state, rows - 1)])
 
 
-def d2_law(classes_m: Floats, bulb: WetBulb | None) -> D2Law:
+def d2_law(classes_m: Floats, start: float | None) -> D2Law:
     """Evaporation of droplets of rising diameters (C,), each an equal share of the mass.
 
-    Without `bulb` nothing evaporates, and the two states are the initial and the final one.
+    `start` is that of `wet_bulb`. Without it nothing evaporates, and the two states are the initial
+    and the final one.
     """
     squares = classes_m**2
-    if bulb is None:
+    if start is None:
         begin, loss = np.ones(2), np.array([0.0, squares[-1]])
     else:
         # Warm liquid first loses the same share of every droplet, then follows the d^2 law.
-        at_once = np.linspace(1.0, bulb.start, 40)[:-1] if bulb.start < 1 else np.empty(0)
-        later = bulb.start * squares[-1] * np.linspace(0.0, 1.0, _STEPS) ** 2
-        begin = np.append(at_once, np.full(_STEPS, bulb.start))
+        at_once = np.linspace(1.0, start, 40)[:-1] if start < 1 else np.empty(0)
+        later = start * squares[-1] * np.linspace(0.0, 1.0, _STEPS) ** 2
+        begin = np.append(at_once, np.full(_STEPS, start))
         loss = np.append(np.zeros(len(at_once)), later)
     remaining = np.clip(begin[:, None] - loss[:, None] / squares, 0.0, 1.0)
     mass = remaining**1.5

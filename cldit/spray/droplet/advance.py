@@ -14,7 +14,7 @@ from cldit.errors import SprayError
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, HIGHEST_Pa
 
-_ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
+GAS_TOLERANCE = 1e-2  # of a droplet's step in a computed gas, which is not more accurate
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def advance(
         },
         5,
         duration=float(duration_s),
-        tolerance=min(float(tolerance), _ONE_STEP),
+        tolerance=min(float(tolerance), float(np.finfo(kernels.real).max)),
         drag=int(drag),
     )
     mass, temperature, *velocity = final["droplets"]

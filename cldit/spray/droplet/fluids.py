@@ -15,6 +15,7 @@ from cldit.arrays import Floats
 from cldit.constants import GAS_CONSTANT_J_mol_K
 from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
+from cldit.spray.bisection import rising_root
 from cldit.spray.droplet.curves import Curves, curves
 from cldit.spray.droplet.fits import gas_fits, liquid_fits
 from cldit.spray.droplet.substances import fuel_columns, gas_columns
@@ -62,11 +63,11 @@ class Fuel(Gas):
         ln_pressure = np.log(np.asarray(pressure_Pa, dtype=float))
         low = np.full(ln_pressure.shape, self.liquid.low_K)
         high = np.full(ln_pressure.shape, self.liquid.high_K)
-        for _ in range(48):  # 500 K down to rounding
-            middle = 0.5 * (low + high)
-            above = self.liquid.value("ln_psat", middle) > ln_pressure
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
-        return np.asarray(0.5 * (low + high))
+
+        def excess(temperature_K: Floats) -> Floats:
+            return np.asarray(self.liquid.value("ln_psat", temperature_K) - ln_pressure)
+
+        return rising_root(excess, low, high, halvings=48)  # 500 K down to 2e-12 K
 
     def diameter_m(self, mass_kg: ArrayLike, temperature_K: ArrayLike) -> Floats:
         """Diameter of a droplet of a given mass and temperature, any shape."""

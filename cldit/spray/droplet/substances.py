@@ -18,20 +18,29 @@ from cldit.errors import SprayError
 from cldit.io.tables import Arrays
 from cldit.spray.droplet.curves import integral
 
-GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
+# Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969): diffusion volumes, cm3/mol.
+_GAS_VOLUMES = {
+    "nitrogen": 18.5,
+    "air": 19.7,
+    "oxygen": 16.3,
+    "argon": 16.2,
+    "carbon dioxide": 26.9,
+    "helium": 2.67,
+}
+_ATOMS = {"C": 15.9, "H": 2.31, "O": 6.11}
+_WHOLE = {"Water": 13.1}  # of the whole molecule
+# Increment of an aromatic ring, of which these fuels have one.
+_RINGS = dict.fromkeys(
+    ("benzene", "toluene", "ethylbenzene", "m-xylene", "o-xylene", "p-xylene"), -18.3
+)
+
+GASES = tuple(_GAS_VOLUMES)
 
 _LIQUID_POINTS = 801  # cubic between them; 0.4 K apart for n-heptane, 183 to 529 K
 _VAPOUR_POINTS = 1201  # 0.9 K apart from 183 to 1200 K
 _COLDEST_K = {"helium": 101.0}  # CoolProp's viscosity jumps by 1 % at 100 K; other gases: 80 K
 _HOTTEST_K = 1200.0  # beyond, the transport fits of heavy fuels decrease
 _BELOW_CRITICAL = 0.98  # of the critical temperature: cp diverges and latent heat vanishes there
-
-# Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969): diffusion volumes, cm3/mol.
-_ATOMS = {"C": 15.9, "H": 2.31, "O": 6.11}
-_AROMATIC_RING = -18.3
-_WHOLE = {"Water": 13.1}  # of the whole molecule
-_RINGS = ("benzene", "toluene", "ethylbenzene", "m-xylene", "o-xylene", "p-xylene")
-_GAS_VOLUMES = (18.5, 19.7, 16.3, 16.2, 26.9, 2.67)  # of `GASES`
 
 
 def fuel_columns(name: str) -> Arrays:
@@ -54,7 +63,7 @@ def fuel_columns(name: str) -> Arrays:
         raise SprayError(
             f"fuel {name!r}: the diffusivity model is for molecules of C, H and O only"
         )
-    ring = _AROMATIC_RING if fluid.casefold() in _RINGS else 0.0
+    ring = _RINGS.get(fluid.casefold(), 0.0)
     low = float(np.ceil(state.Ttriple()))
     liquid_K = np.linspace(low, _BELOW_CRITICAL * state.T_critical(), _LIQUID_POINTS)
     rows = np.array([_saturated(state, t) for t in liquid_K])
@@ -76,7 +85,7 @@ def gas_columns(name: str) -> Arrays:
     state = _state(key.title().replace(" ", ""))
     constants = {
         "molar_mass_kg_mol": state.molar_mass(),
-        "diffusion_volume": _GAS_VOLUMES[GASES.index(key)],
+        "diffusion_volume": _GAS_VOLUMES[key],
         "critical_K": state.T_critical(),
         "critical_Pa": state.p_critical(),
     }

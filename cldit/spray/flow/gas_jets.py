@@ -16,7 +16,7 @@ from cldit.scene.spray import LagrangianSpray
 from cldit.spray.cone.nozzle import plume_axis, pressure_drop_Pa
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.injector import Hole, Injection, flowing_s, hole_flows, released_share
+from cldit.spray.flow.injector import Injection, flowing_s, hole_flows, released_share
 from cldit.spray.flow.mixture import LOWEST_K
 from cldit.spray.flow.notional_nozzle import Expansion, expand
 from cldit.spray.flow.parcels import FlyingParcels, REACH_m
@@ -52,10 +52,8 @@ def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]
     start_s, end_s = flowing_s(times, released)
     none = np.empty(0)
     return Injection(
-        holes=tuple(
-            Hole(plume_axis(plume), jet.diameters_m(share * top)[1])
-            for plume, share in zip(spec.plumes, shares, strict=True)
-        ),
+        axes=np.array([plume_axis(plume) for plume in spec.plumes]),
+        jet_diameter_m=jet.diameter_m(shares * top),
         speed_m_s=jet.speed_m_s,
         start_s=start_s,
         end_s=end_s,
@@ -124,7 +122,7 @@ class GasJets:
     def read(self) -> FlyingParcels:
         """No parcels."""
         none, vectors = np.empty(0), np.empty((0, 3))
-        return FlyingParcels(none, none, none, np.empty(0, dtype=np.int64), vectors, vectors)
+        return FlyingParcels(none, none, none, vectors, vectors)
 
     def fastest_m_s(self) -> float:
         """Speed of the fastest gas; reads from the device."""
@@ -145,21 +143,22 @@ def _sources(
     shares /= shares.sum()
     aside = np.array([plume.inclination_deg > 0 for plume in spec.plumes])
     mass, push = np.zeros(grid.shape), np.zeros((3, *grid.shape))
-    for number, (hole, share) in enumerate(zip(injection.holes, shares, strict=True)):
+    jets = zip(injection.axes, injection.jet_diameter_m, shares, strict=True)
+    for number, (axis, diameter_m, share) in enumerate(jets):
         if grid.symmetry > 1 and aside[number]:
             if number != np.argmax(aside):
                 continue
             share = shares[aside].sum()
-        barrel_m = jet.disc * hole.diameter_m / float(np.sqrt(jet.area))
-        along = place @ hole.axis
+        barrel_m = jet.disc * diameter_m / float(np.sqrt(jet.area))
+        along = place @ axis
         beside2 = np.sum(place * place, axis=-1) - along * along
         # In a step of the gas a source expels less than its own gas.
         part = (along - nose_m) / max(barrel_m - nose_m, REACH_m)
-        width2 = np.maximum(part, 1e-3) * (hole.diameter_m / 2) ** 2 / _FLAT
+        width2 = np.maximum(part, 1e-3) * (diameter_m / 2) ** 2 / _FLAT
         # Not less than a cell, of which there is one at least.
         width2 = width2 + 0.25 * grid.angle[:, :, None] * grid.middle[2] ** 2
         source = np.where((part > 0) & (part < 1), np.exp(-((beside2 / width2) ** 2)), 0.0)
         source *= share / (float(np.sum(source * grid.volume_m3)) * grid.copies)
         mass += source
-        push += (jet.speed_m_s * grid.frame @ hole.axis)[:, None, None, None] * source
+        push += (jet.speed_m_s * grid.frame @ axis)[:, None, None, None] * source
     return mass, push

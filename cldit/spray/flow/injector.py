@@ -25,23 +25,17 @@ MOST_PARCELS = 2_000_000
 
 
 @dataclass(frozen=True)
-class Hole:
-    """Hole: axis (3,), a unit vector, and diameter_m of a jet of its flow and speed."""
-
-    axis: Floats
-    diameter_m: float
-
-
-@dataclass(frozen=True)
 class Injection:
     """Parcels in the order of their injection.
 
-    time_s, diameter_m, droplets (N,): start, size, real droplets; hole (N,): index into `holes`;
-    position_m, velocity_m_s (N, 3). density_kg_m3: of the liquid. flow_coefficient: ratio to the
-    flow that fills the holes at this speed.
+    axes (H, 3), jet_diameter_m (H,): direction of each hole, a unit vector, and diameter of a jet
+    of its flow and speed. time_s, diameter_m, droplets (N,): start, size, real droplets; hole (N,):
+    number of its hole; position_m, velocity_m_s (N, 3). density_kg_m3: of the liquid.
+    flow_coefficient: ratio to the flow that fills the holes at this speed.
     """
 
-    holes: tuple[Hole, ...]
+    axes: Floats
+    jet_diameter_m: Floats
     speed_m_s: float
     start_s: float
     end_s: float
@@ -55,10 +49,8 @@ class Injection:
     velocity_m_s: Floats
 
 
-def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
+def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
     """Draws the parcels of `spec` with its seed; their mass is the injected one to rounding.
-
-    With several `equal` plumes only the first is drawn.
 
     The speed is Bernoulli's times a velocity coefficient, constant in time. Directions fill the
     cone with the density of `jet.profile`. Raises SprayError if the pressure does not drive the
@@ -78,10 +70,6 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
             f"spray.droplets_per_parcel: {spec.droplets_per_parcel:g} gives {parcels:.3g} parcels; "
             f"at least {minimum:.3g}"
         )
-    if equal > 1:
-        part = {"plumes": spec.plumes[:1], "injected_mass_kg": spec.injected_mass_kg / equal}
-        spec, shares = spec.model_copy(update=part), np.ones(1)
-        top, parcels = top / equal, parcels / equal
     counts = [max(1, round(parcels * share)) for share in shares]
     counts = counts if spec.injected_mass_kg > 0 else [0] * len(counts)
     hole = np.repeat(np.arange(len(counts)), counts)
@@ -93,14 +81,12 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     diameter = quantile_m(sizes, even[2], by="mass")
     check_free_drops(diameter.max(initial=0.0))
     droplet_kg = fuel.mass_kg(diameter, np.full(len(time), spec.fuel_temperature_K))
-    holes = tuple(
-        Hole(plume_axis(plume), float(np.sqrt(4 * share * top / (np.pi * density * speed))))
-        for plume, share in zip(spec.plumes, shares, strict=True)
-    )
-    position, direction = _spread(spec, holes, hole, even)
+    axes = np.array([plume_axis(plume) for plume in spec.plumes])
+    position, direction = _spread(spec, axes, hole, even)
     start_s, end_s = flowing_s(times, released)
     return Injection(
-        holes=holes,
+        axes=axes,
+        jet_diameter_m=np.sqrt(4 * shares * top / (np.pi * density * speed)),
         speed_m_s=speed,
         start_s=start_s,
         end_s=end_s,
@@ -148,13 +134,12 @@ def flowing_s(times_s: Floats, released: Floats) -> tuple[float, float]:
 
 
 def _spread(
-    spec: LagrangianSpray, holes: tuple[Hole, ...], hole: Ints, level: Floats
+    spec: LagrangianSpray, axes: Floats, hole: Ints, level: Floats
 ) -> tuple[Floats, Floats]:
     """Initial positions, on the discs of the holes, and directions (unit vectors) of the parcels.
 
     `level` (2, N) are their places in the cone, radius and angle, from 0 to 1.
     """
-    axes = np.array([outlet.axis for outlet in holes]).reshape(-1, 3)
     helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     u = np.cross(axes, helper)
     u /= np.linalg.norm(u, axis=1)[:, None]

@@ -45,10 +45,10 @@ class Expansion:
     area: float
     disc: float
 
-    def diameters_m(self, rate_kg_s: float) -> tuple[float, float]:
-        """Diameters of a flow in the hole and in its notional nozzle."""
-        hole = float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
-        return hole, hole * float(np.sqrt(self.area))
+    def diameter_m(self, rate_kg_s: Floats) -> Floats:
+        """Diameter of the notional nozzle of a flow, any shape."""
+        hole = np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s))
+        return np.asarray(hole * float(np.sqrt(self.area)))
 
 
 def expand(gas: Gas, *, stagnation_Pa: float, stagnation_K: float, pressure_Pa: float) -> Expansion:

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from cldit.arrays import Floats, Ints, Reals
+from cldit.arrays import Floats, Reals
 from cldit.errors import SprayError
 from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
 from cldit.gpu.program import Define, build
 from cldit.scene.spray import LagrangianSpray
+from cldit.spray.droplet.advance import GAS_TOLERANCE
 from cldit.spray.droplet.fluids import Fuel, Gas, property_table
 from cldit.spray.droplet.models import MODELS, inert
 from cldit.spray.flow.gas import GasFlow
@@ -25,7 +26,6 @@ from cldit.spray.flow.injector import Injection
 from cldit.spray.flow.ray_fields import GROUP
 
 SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from the tip
-TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
 REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 NEAR_m = 10e-3  # distance up to which it flies as fast
 STATION_m = 15e-3  # below the injector, where the ECN measures droplets
@@ -40,14 +40,13 @@ _MOST_EXCHANGED, _MOST_J_kg, _HOTTEST_K = 1e6, 1e7, 1e4
 class FlyingParcels:
     """Parcels in flight.
 
-    mass_kg, temperature_K: of one droplet, (N,). droplets, hole: (N,). position_m, velocity_m_s:
+    mass_kg, temperature_K: of one droplet, (N,). droplets: (N,). position_m, velocity_m_s:
     (N, 3).
     """
 
     mass_kg: Floats
     temperature_K: Floats
     droplets: Floats
-    hole: Ints
     position_m: Floats
     velocity_m_s: Floats
 
@@ -131,7 +130,7 @@ class Cloud:
             "total_scales": self._single("scales of totals", np.array(self._total_scales)),
             "failed": self._failed,
             "capacity": self.capacity,
-            "tolerance": TOLERANCE,
+            "tolerance": GAS_TOLERANCE,
             "zero_enthalpy": flow.mixture.zero_J_kg,
             "station": -STATION_m,
             "seed": spec.seed,
@@ -266,7 +265,6 @@ class Cloud:
             mass_kg=state[0, flying],
             temperature_K=state[1, flying],
             droplets=injection.droplets[:born][flying].astype(np.float32).astype(np.float64),
-            hole=injection.hole[:born][flying],
             velocity_m_s=state[2:5, flying].T.copy(),
             position_m=state[5:8, flying].T.copy(),
         )

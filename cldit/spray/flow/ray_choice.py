@@ -53,7 +53,7 @@ def ray_grid(spec: LagrangianSpray, injection: Injection, *, gas_kg_mol: float) 
     Raises SprayError if there are too many cells.
     """
     h = spec.box.cell_m / SPACING_AT_m
-    axes = np.array([plume_axis(plume) for plume in spec.plumes])
+    axes = injection.axes
     kind, axis = symmetry(spec.plumes), axes[0]
     if spec.droplets is None and kind == 1:  # jets on the axis of equal ones
         aside = tuple(plume for plume in spec.plumes if plume.inclination_deg > 0)
@@ -129,11 +129,11 @@ def _reach_m(spec: LagrangianSpray, injection: Injection, gas_kg_mol: float) -> 
     """Distance that the plumes stay within, and radius of the domain: half as far again."""
     ambient = spec.ambient
     gas = ambient.pressure_Pa * gas_kg_mol / (GAS_CONSTANT_J_mol_K * ambient.temperature_K)
-    reach = 5e-3
-    for plume, hole in zip(spec.plumes, injection.holes, strict=False):
-        if not hole.diameter_m > 0:
+    reach = _LEAST_DEPTH_m
+    for plume, diameter_m in zip(spec.plumes, injection.jet_diameter_m.tolist(), strict=True):
+        if not diameter_m > 0:
             continue
-        area = np.pi / 4 * hole.diameter_m**2
+        area = np.pi / 4 * diameter_m**2
         jet = Jet(
             rate_kg_s=area * injection.density_kg_m3 * injection.speed_m_s,
             speed_m_s=injection.speed_m_s,
@@ -143,7 +143,7 @@ def _reach_m(spec: LagrangianSpray, injection: Injection, gas_kg_mol: float) -> 
             spreading=NABER_SIEBERS,
         )
         reach = max(reach, jet.tip_m(domain_time_s(spec)))
-    far_m = 1.6 * reach + 5e-3 if spec.box.depth_m is None else spec.box.depth_m
+    far_m = 1.6 * reach + _LEAST_DEPTH_m if spec.box.depth_m is None else spec.box.depth_m
     if far_m < _LEAST_DEPTH_m:
         raise SprayError(f"{DEPTH_KEY}: {far_m:g}; allowed: {_LEAST_DEPTH_m:g} and more")
     return _OVER * reach, far_m

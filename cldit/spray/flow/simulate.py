@@ -12,7 +12,6 @@ import numpy as np
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.cone.nozzle import plume_axis
 from cldit.spray.droplet.fluids import Fuel, check_conditions, check_gas, fuel_table, gas_table
 from cldit.spray.flow.gas import GasFlow, UnstableGas
 from cldit.spray.flow.gas_jets import GasJets, inject_gas
@@ -32,7 +31,7 @@ _FEWEST_JET_STEPS = 3  # a source of gas, `REACH_m` long, moves by a third of it
 MOST_GAS_STEPS = 32  # of a step of the parcels
 SLACK = 1.5  # of the speed of the gas over that of the liquid; a lump of parcels overshoots
 _CHECKED = 16  # steps between two looks at the state
-_BESIDE = 1e-3  # share of the fuel beside walls that has a remark
+_REMARKED = 1e-3  # share of the fuel that has left the gas, or is beside its walls
 
 
 Watch = Callable[[float, float, int], None]  # time, end time, number of parcels
@@ -119,7 +118,6 @@ class _State:
         self.fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
         ambient = spec.ambient
         _check(spec, self.fuel)
-        self.axes = np.array([plume_axis(plume) for plume in spec.plumes])
         if spec.droplets is None:
             self.injection, jet = inject_gas(spec, self.fuel)
         else:
@@ -186,7 +184,7 @@ class _State:
         """Adds a row to the history."""
         if self.rows and self.rows[-1][0] == self.time_s:
             return
-        measured = measures(self.cloud.read(), self.flow, self.fuel, self.axes)
+        measured = measures(self.cloud.read(), self.flow, self.fuel, self.injection.axes)
         self.rows.append((self.time_s, self.cloud.injected_kg, *measured))
 
     def result(self) -> Result:
@@ -220,7 +218,7 @@ class _State:
         }
         remarks = _hot_liquid(cloud, fuel)
         share, vapour = flow.read("share"), flow.read("fuel")
-        if wall_kg > 1e-3 * injected:
+        if wall_kg > _REMARKED * injected:
             remarks += (
                 f"{100 * wall_kg / injected:.2g} % of the fuel left the gas as liquid, at its wall "
                 f"of {flow.grid.radius_m[-1]:.3g} m or beside it; allowed: a larger "
@@ -232,7 +230,7 @@ class _State:
                 f"tip; allowed: a larger {DEPTH_KEY}",
             )
         beside = flow.grid.beside(vapour * flow.grid.volume_m3) / max(injected, 1e-300)
-        if beside > _BESIDE:
+        if beside > _REMARKED:
             remarks += (
                 f"{100 * beside:.2g} % of the fuel is vapour beside the walls of the gas, behind "
                 "the plumes; allowed: smaller inclinations",

@@ -64,8 +64,8 @@ def test_without_absorption_entries_are_means(clear: DropletTable) -> None:
     A distribution, here flat from 4 to 14 um, keeps its mean to 0.1 %.
     """
     error = table_error(clear, samples=320)
-    assert error.largest < 1e-3
-    assert error.absorption == 0.0
+    assert max(error) < 1e-3
+    assert error[1] == 0.0
     d = np.linspace(4e-6, 14e-6, 3000)
     found = clear.cross_sections(d)[1]
     exact = _exact(clear, d)[1] * d**2 * np.pi / 4
@@ -104,8 +104,8 @@ def test_what_the_bench_prints(k: float, tables: Path) -> None:
 
 def test_the_error_that_is_printed_is_an_error(paper: DropletTable) -> None:
     """A table of another liquid is found out."""
-    assert table_error(paper).largest < 2e-5
-    assert table_error(replace(paper, k=0.035)).absorption > 1e-3
+    assert max(table_error(paper)) < 2e-5
+    assert table_error(replace(paper, k=0.035))[1] > 1e-3
 
 
 @pytest.mark.parametrize("d", [0.0, -1e-6, 6e-4, float("nan"), float("inf")])

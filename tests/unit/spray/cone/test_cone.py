@@ -14,10 +14,10 @@ from cldit.scene import load_scene
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import Ambient, ConeSpray, Plume
 from cldit.spray.cone.fluid_properties import (
-    NITROGEN,
     heptane_density_kg_m3,
     heptane_liquid_enthalpy_J_kg,
     heptane_vapour_enthalpy_J_kg,
+    nitrogen_enthalpy_J_kg,
 )
 from cldit.spray.cone.jet import CENTRE, MEAN_SQUARE, NABER_SIEBERS, SPREADING, Jet, profile
 from cldit.spray.cone.kinetics import plume_kinetics
@@ -229,16 +229,16 @@ def test_cells_keep_energy() -> None:
     fuel = vapour.number_density_m3 * volume / 6.02214076e23
     gas = np.maximum(moles - fuel, 0.0) * 0.0280134
     brought = (liquid + fuel * 0.100204) * heptane_liquid_enthalpy_J_kg(370.0)
-    brought += gas * NITROGEN.enthalpy_J_kg(570.0)
+    brought += gas * nitrogen_enthalpy_J_kg(570.0)
     held = fuel * 0.100204 * heptane_vapour_enthalpy_J_kg(vapour.temperature_K)
-    held += gas * NITROGEN.enthalpy_J_kg(vapour.temperature_K)
+    held += gas * nitrogen_enthalpy_J_kg(vapour.temperature_K)
     warm = np.bincount(
         row[near],
         weights=(mass * heptane_liquid_enthalpy_J_kg(p.temperature_K))[near],
         minlength=len(index),
     )
     off = (held + warm - brought)[far].sum()
-    heat = (gas * (NITROGEN.enthalpy_J_kg(570.0) - NITROGEN.enthalpy_J_kg(vapour.temperature_K)))[
+    heat = (gas * (nitrogen_enthalpy_J_kg(570.0) - nitrogen_enthalpy_J_kg(vapour.temperature_K)))[
         far
     ].sum()
     assert abs(off) < 0.012 * heat

@@ -52,7 +52,7 @@ def gas_jet(result: tuple[Spray, History, GasFlow], fuel: Fuel) -> GasJet:
     """Measures of the result of `JET`, or of it on other cells."""
     _, history, flow = result
     injection, _ = inject_gas(JET, fuel)
-    diameter, around = injection.holes[0].diameter_m, flow.far_density_kg_m3
+    diameter, around = injection.jet_diameter_m[0], flow.far_density_kg_m3
     rate = np.pi / 4 * diameter**2 * injection.density_kg_m3 * injection.speed_m_s
     thrust = rate * injection.speed_m_s
     weighted = diameter / 2 * float(np.sqrt(injection.density_kg_m3 / around))

@@ -104,7 +104,7 @@ def find(spec: LagrangianSpray, device: Device, *, cache: Path | None) -> Found:
     start = time.process_time()
     spray, history, flow = simulate_spray(spec, device, cache=cache)
     seconds = time.process_time() - start
-    axes = np.array([hole.axis for hole in inject(spec, fuel).holes])
+    axes = inject(spec, fuel).axes
     return Found(
         spec=spec,
         spray=spray,
@@ -118,10 +118,10 @@ def find(spec: LagrangianSpray, device: Device, *, cache: Path | None) -> Found:
 def jet(spec: LagrangianSpray, fuel: Fuel, gas: Gas) -> Jet:
     """The jet of the first plume, by Naber and Siebers."""
     injection = inject(spec, fuel)
-    hole, ambient = injection.holes[0], spec.ambient
+    diameter_m, ambient = float(injection.jet_diameter_m[0]), spec.ambient
     density = ambient.pressure_Pa * gas.molar_mass_kg_mol / (8.314462618 * ambient.temperature_K)
     return Jet(
-        rate_kg_s=np.pi / 4 * hole.diameter_m**2 * injection.density_kg_m3 * injection.speed_m_s,
+        rate_kg_s=np.pi / 4 * diameter_m**2 * injection.density_kg_m3 * injection.speed_m_s,
         speed_m_s=injection.speed_m_s,
         half_angle_rad=float(np.radians(spec.plumes[0].cone_angle_deg / 2)),
         fuel_kg_m3=injection.density_kg_m3,
