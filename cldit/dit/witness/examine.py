@@ -211,8 +211,14 @@ def stated(
     drifts = [Drift(cause=cause, variance=variance) for cause, variance in variances.items()]
     for kind, of_kind in groups.items():
         readings_K2 = np.array([group.temperature_variance_K2 for group in of_kind])
-        of = {f"in_{other}": other == kind for other in KINDS}
-        drifts.append(Drift(cause="black body", variance=rise**2 * readings_K2, **of))
+        drifts.append(
+            Drift(
+                cause="black body",
+                variance=rise**2 * readings_K2,
+                in_reference=kind == "reference",
+                in_injection=kind == "injection",
+            )
+        )
     return tuple(error for error in drifts if error.variance.any())
 
 
