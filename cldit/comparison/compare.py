@@ -182,8 +182,12 @@ def compare(
         named = ", ".join(name for name in filters if name) or "none, as NAME=RESULT names one"
         raise EvaluationError(f"extinction: {', '.join(sorted(unknown))}; allowed: {named}")
     if lines and len(filters) > 1:
-        raise EvaluationError(f"lines in {len(filters)} filters; allowed: in one filter")
-    by_filter = [[shown.get(name) or shown[""] for shown in opened] for name in filters]
+        raise EvaluationError(f"lines: {len(filters)} filters; allowed: results of one filter")
+    several = len(filters) > 1
+    by_filter = [
+        [shown[name] if several else next(iter(shown.values())) for shown in opened]
+        for name in filters
+    ]
     variants = {name: open_shown(openable) for name, openable in (lines or {}).items()}
     found: list[dict[str, Difference]] = [{} for _ in compared]
     for name, (reference, *shown) in zip(filters, by_filter, strict=True):
@@ -218,14 +222,13 @@ def _name(openable: Openable, shown: Mapping[str, Shown]) -> str:
 
 
 def _filters_of(names: Sequence[str], opened: Sequence[Mapping[str, Shown]]) -> list[str]:
-    """Filters that all results have; a result without a name of its single filter has any one.
+    """Filters that all results have; single ones may have any name, since their edges are compared.
 
     Raises EvaluationError if they differ.
     """
     named = next((list(shown) for shown in opened if "" not in shown), [""])
     for shown in opened:
-        alike = len(named) == 1 if "" in shown else set(shown) == set(named)
-        if not alike:
+        if set(shown) != set(named) and not len(shown) == len(named) == 1:
             texts = [
                 f"{name} has {', '.join(filter(None, shown)) or 'one without a name'}"
                 for name, shown in zip(names, opened, strict=True)
