@@ -135,15 +135,15 @@ def causes(change: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Caus
     if nominal is None:
         return ()
     where = np.isfinite(nominal.residuals)
-    own, even = tested.own[where], nominal.correlated
+    noise, even = tested.independent[where], nominal.correlated
     modes = [(mode.name, mode.of(tested.observable)) for mode in tested.modes]
-    z = change[where] / own
-    b = np.array([image[where] for _, image in modes]).reshape(len(modes), z.size) / own
+    z = change[where] / noise
+    b = np.array([image[where] for _, image in modes]).reshape(len(modes), z.size) / noise
     inner = even * np.eye(len(b)) + b @ b.T
 
     def size_of(image: Floats) -> tuple[float, float]:
         """Best size of an image, and its weight k' C^-1 k."""
-        k = np.nan_to_num(image[where]) / own
+        k = np.nan_to_num(image[where]) / noise
         weighed = k - (b @ k) @ np.linalg.solve(inner, b)
         weight = float(k @ weighed)
         return (float(z @ weighed) / weight if weight > 0.0 else 0.0), weight / even

@@ -53,8 +53,8 @@ class FilterDifferences:
     @property
     def p_value(self) -> float | None:
         """Probability of a larger difference in any filter by the errors alone; None: unknown."""
-        known = [pair.p_value for pair in self.by_filter.values() if pair.p_value is not None]
-        return sidak(known) if len(known) == len(self.by_filter) else None
+        tested = [pair.p_value for pair in self.by_filter.values() if pair.p_value is not None]
+        return sidak(tested) if len(tested) == len(self.by_filter) else None
 
     @property
     def text(self) -> str:
@@ -189,12 +189,12 @@ def compare(
         for name in filters
     ]
     variants = {name: open_shown(openable) for name, openable in (lines or {}).items()}
-    found: list[dict[str, Difference]] = [{} for _ in compared]
+    differences: list[dict[str, Difference]] = [{} for _ in compared]
     for name, (reference, *shown) in zip(filters, by_filter, strict=True):
         of_t_app = name not in extinction
         _check([reference, *shown, *variants.values()], with_t_app=of_t_app)
         base = next((result for result in shown if result.run is not None), None)
-        for pairs, result in zip(found, shown, strict=True):
+        for pairs, result in zip(differences, shown, strict=True):
             pairs[name] = difference(
                 reference,
                 with_lines(result, onto=reference, base=base, variants=variants),
@@ -204,12 +204,12 @@ def compare(
                 filters=len(filters),
             )
             if not pairs[name].regions["all"].pixels and not pairs[name].same:
-                both = f"{pairs[name].one} and {pairs[name].other}"
-                raise EvaluationError(f"{both}: no pixel is visible in both; is it the same view?")
+                sides = f"{pairs[name].one} and {pairs[name].other}"
+                raise EvaluationError(f"{sides}: no pixel is visible in both; is it the same view?")
     return Comparison(
         tuple(
             FilterDifferences(other=other, by_filter=pairs)
-            for other, pairs in zip(names[1:], found, strict=True)
+            for other, pairs in zip(names[1:], differences, strict=True)
         )
     )
 

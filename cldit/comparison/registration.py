@@ -28,8 +28,8 @@ def aligned(
     sign = -1.0 if swap else 1.0
 
     def change(one_off: Alignment, name: str) -> Floats:
-        before, after = (getattr(shown.maps, name) for shown in (moving, moved))
-        return np.asarray(sign * np.nan_to_num(one_off.moved(before) - after))
+        image, moved_image = (getattr(shown.maps, name) for shown in (moving, moved))
+        return np.asarray(sign * np.nan_to_num(one_off.moved(image) - moved_image))
 
     changes = [
         (change(one_off, "apparent_temperature_K"), change(one_off, "emissivity"))

@@ -95,7 +95,7 @@ class Tested:
     """A difference of an observable, tested.
 
     regions: `all` pixels that are visible in both, and the parts of the spray. modes: errors that
-    all pixels share, with their best sizes. own: (H, W) independent standard error; error: with
+    all pixels share, with their best sizes. independent: (H, W) standard error; error: with
     the modes; NaN without stated errors. degrees: of freedom of both. where: parts (H, W);
     thin: the half of the pixels with the smaller emissivity. level: of the test.
     residuals: (H, W) in standard errors, less the modes that fit best.
@@ -103,7 +103,7 @@ class Tested:
 
     regions: dict[str, RegionDifference]
     modes: tuple[Mode, ...]
-    own: Floats
+    independent: Floats
     error: Floats
     residuals: Floats
     degrees: tuple[float, float]
@@ -118,7 +118,7 @@ class Tested:
         parts = [mask for part, mask in self.where.items() if part != "all"]
         return chi_square(
             change,
-            self.own,
+            self.independent,
             np.array(modes).reshape(-1, *change.shape),
             self.where[name],
             degrees=self.degrees,
@@ -163,7 +163,7 @@ def tested(
             for name, where in regions.items()
         },
         modes=(),
-        own=nothing,
+        independent=nothing,
         error=nothing,
         residuals=nothing,
         degrees=(np.inf, np.inf),
@@ -193,7 +193,7 @@ def tested(
     statistic = replace(
         untested,
         modes=modes,
-        own=np.sqrt(variance),
+        independent=np.sqrt(variance),
         error=np.sqrt(total),
         degrees=(of_pixels, of_modes),
     )
@@ -214,7 +214,7 @@ def _region(change: Floats, test: Tested, result: ChiSquare | None, unit: str) -
     if result is None or result.pixels < _LEAST_PIXELS:
         return RegionDifference(pixels=0 if result is None else result.pixels, unit=unit)
     finite = np.isfinite(result.residuals)
-    square = float(np.sum(test.own[finite] ** 2)) * result.correlated / result.pixels**2
+    square = float(np.sum(test.independent[finite] ** 2)) * result.correlated / result.pixels**2
     square += sum(float(np.mean(mode.of(test.observable)[finite])) ** 2 for mode in test.modes)
     return RegionDifference(
         pixels=result.pixels,
