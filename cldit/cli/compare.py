@@ -36,6 +36,12 @@ from cldit.run.trusted import open_device
     metavar="NAME=RUN",
     help="Run with one quantity changed by its spread, an error that simulations share.",
 )
+@click.option(
+    "--extinction",
+    multiple=True,
+    metavar="FILTER",
+    help="Filter in which the vapour is transparent; its emissivity is compared.",
+)
 @click.option("--out", type=PATH, help="Folder of a page with tables; of the run of --repeat.")
 @figures_option
 @within_option
@@ -50,6 +56,7 @@ def compare_command(
     acquired: bool,
     align: Align,
     lines: tuple[str, ...],
+    extinction: tuple[str, ...],
     out: Path | None,
     suffix: str | None,
     within_K: float | None,
@@ -57,12 +64,13 @@ def compare_command(
 ) -> Outcome:
     """Compare ONE with OTHERS, with the errors of both: measured data, evaluations, runs.
 
+    Of several filters, each is an acquisition with all of them, or FILTER=RESULT,FILTER=RESULT.
     With --repeat, compute the run ONE again from its record, its acquisition included, and compare
     both; inputs that are missing or changed are named. The exit status is 3 if the errors do not
     explain the difference.
     """
     if again:
-        if compared or acquired or lines or suffix is not None:
+        if compared or acquired or lines or extinction or suffix is not None:
             raise click.UsageError("--repeat: one run; allowed: --out, --within, --device")
         shared: dict[str, Any] = {"out": out, "within_K": within_K, "device": device}
         return _repeated(baseline, changed_inputs=changed_inputs, **shared)
@@ -74,7 +82,13 @@ def compare_command(
         raise click.BadParameter(f"{malformed[0]!r}; allowed: NAME=RUN", param_hint="--line")
     named = {name: run for name, _, run in (line.partition("=") for line in lines)}
     comparison = compare(
-        baseline, *compared, acquired=acquired, within_K=within_K, align=align, lines=named
+        _by_filter(baseline),
+        *(_by_filter(path) for path in compared),
+        acquired=acquired,
+        within_K=within_K,
+        align=align,
+        lines=named,
+        extinction=extinction,
     )
     outcome = _printed(comparison)
     if out is not None:
@@ -82,6 +96,14 @@ def compare_command(
 
         print_files(*write_comparison(comparison, out, suffix=suffix or ".png"))
     return outcome
+
+
+def _by_filter(path: Path) -> Path | dict[str, Path]:
+    """A path, or paths by filter if it is FILTER=RESULT,FILTER=RESULT and no file."""
+    parts = [part.partition("=") for part in str(path).split(",")]
+    if path.exists() or not all(all(part) for part in parts):
+        return path
+    return {name: Path(result) for name, _, result in parts}
 
 
 @click.command(deprecated="use `cldit compare`, which always averages onto the same pixels")
@@ -138,7 +160,7 @@ def print_difference(difference: Difference) -> None:
         )
     if difference.p_value is not None:
         regions = [(name, *region.cells) for name, region in difference.regions.items()]
-        print_table("T_app", "RMS", "mean", "chi-square", "p", "pixels", rows=regions)
+        print_table(difference.observable, "RMS", "mean", "chi-square", "p", "pixels", rows=regions)
     for line in difference.verdict.lines:
         OUT.print(escaped(f"  {line}"), style="bold")
 

@@ -125,24 +125,25 @@ def _background(shown: Shown, filter_um: Filter, sign: float) -> Callable[[float
     return change
 
 
-def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Cause, ...]:
+def causes(change: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Cause, ...]:
     """The cause that explains most of a difference, and those that explain as much within chance.
 
     None explains less than half of what the errors leave, or is a stated error of more than 5
     deviations.
     """
-    nominal = tested.again(change_K)
+    nominal = tested.again(change)
     if nominal is None:
         return ()
     where = np.isfinite(nominal.residuals)
-    own_K, modes, even = tested.own_K[where], tested.modes, nominal.correlated
-    z = change_K[where] / own_K
-    b = np.array([mode.kelvin[where] for mode in modes]).reshape(len(modes), z.size) / own_K
+    noise, even = tested.independent[where], nominal.correlated
+    modes = [(mode.name, mode.of(tested.observable)) for mode in tested.modes]
+    z = change[where] / noise
+    b = np.array([image[where] for _, image in modes]).reshape(len(modes), z.size) / noise
     inner = even * np.eye(len(b)) + b @ b.T
 
-    def size_of(kelvin: Floats) -> tuple[float, float]:
+    def size_of(image: Floats) -> tuple[float, float]:
         """Best size of an image, and its weight k' C^-1 k."""
-        k = np.nan_to_num(kelvin[where]) / own_K
+        k = np.nan_to_num(image[where]) / noise
         weighed = k - (b @ k) @ np.linalg.solve(inner, b)
         weight = float(k @ weighed)
         return (float(z @ weighed) / weight if weight > 0.0 else 0.0), weight / even
@@ -150,30 +151,30 @@ def causes(change_K: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Ca
     residual_square = float(z @ z - (b @ z) @ np.linalg.solve(inner, b @ z))
     beyond = max(residual_square - len(z), 1.0) / even
     candidates = []
-    for name, change in tried:
-        kelvin, before_K = change(_STEP_K) / _STEP_K, math.inf
+    for name, change_by in tried:
+        kelvin, before_K = change_by(_STEP_K) / _STEP_K, math.inf
         for _ in range(_MOST_OFTEN):
             size, weight = size_of(kelvin)
             size = float(np.clip(size, -_FARTHEST_K, _FARTHEST_K))
             if abs(size - before_K) < _ENOUGH * abs(size) or abs(size) < _LEAST_K:
                 break
-            kelvin, before_K = change(size) / size, size
+            kelvin, before_K = change_by(size) / size, size
         error = max(weight, 1e-12) ** -0.5
         candidates.append((size**2 * weight, name, "K", kelvin, size, error))
-    for mode in modes:
-        size, weight = size_of(mode.kelvin)
+    for name, image in modes:
+        size, weight = size_of(image)
         if abs(size) <= _LARGEST:
             gain, error = size**2 * weight, (max(1.0 - weight, 0.0) / max(weight, 1e-12)) ** 0.5
-            candidates.append((gain, mode.name, "stated deviations", mode.kelvin, size, error))
+            candidates.append((gain, name, "stated deviations", image, size, error))
     best = max((candidate[0] for candidate in candidates), default=0.0)
     if best < max(_MOSTLY * beyond, _CLEAR):
         return ()
     out = []
-    for gain, name, unit, kelvin, size, error in sorted(
+    for gain, name, unit, image, size, error in sorted(
         candidates, key=lambda candidate: -candidate[0]
     ):
         if gain >= max(best - _BY_CHANCE, _CLEAR):
-            rest = tested.again(change_K - size * np.nan_to_num(kelvin))
+            rest = tested.again(change - size * np.nan_to_num(image))
             out.append(
                 Cause(
                     name=name,

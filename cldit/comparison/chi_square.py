@@ -83,12 +83,14 @@ def chi_square(
     degrees: tuple[float, float] = (np.inf, np.inf),
     parts: Sequence[Mask] = (),
     strata: Sequence[Mask] = (),
+    level: float = LEVEL,
 ) -> ChiSquare | None:
     """Chi-square of a `change` (H, W) in the pixels `where`; None without any.
 
     error: (H, W) independent standard errors above 0. modes: (M, H, W). Pixels in which any of
     these is not finite are omitted. degrees: of freedom of the estimates of both, above 0. parts,
-    strata: into which `where` is divided, by place and by correlation; none: it is one.
+    strata: into which `where` is divided, by place and by correlation; none: it is one. level: of
+    the test, for the shift that is seen.
     """
     where = where & np.isfinite(change) & np.isfinite(error) & np.isfinite(modes).all(axis=0)
     count = int(np.count_nonzero(where))
@@ -121,7 +123,8 @@ def chi_square(
     residuals[where] = z - sizes @ b
     seen = np.inf
     if len(span):
-        chance, seen = _along(span, z, b, even, scatter, degrees=degrees[1], beside=len(chances))
+        level = sidak_level(level, len(chances) + 1)
+        chance, seen = _along(span, z, b, even, scatter, degrees=degrees[1], level=level)
         chances.append(chance)
     return ChiSquare(
         pixels=count,
@@ -143,9 +146,9 @@ def _along(
     scatter: Floats,
     *,
     degrees: float,
-    beside: int,
+    level: float,
 ) -> tuple[float, float]:
-    """Probability of a larger z along the span, and the least shift seen in 1 + `beside` tests.
+    """Probability of a larger z along the span, and the least shift seen at the `level`.
 
     scatter: covariance of the noise along the span; degrees: of freedom of the modes' sizes.
     """
@@ -154,8 +157,7 @@ def _along(
     share = float(np.trace(inverse @ along @ along.T)) / count
     degrees = min(degrees / max(share, 1e-6) ** 2, _MANY)
     statistic, square = (float(span @ image @ inverse @ (span @ image)) for image in (z, even))
-    level = -np.expm1(np.log1p(-LEVEL) / (beside + 1))
-    critical = fdtri(count, degrees, 1.0 - level)
+    critical = float(fdtri(count, degrees, 1.0 - level))
     seen = float(np.sqrt(ncfdtrinc(count, degrees, 1.0 - POWER, critical) / square))
     return _chance(statistic / count, count, degrees), seen
 
@@ -180,6 +182,11 @@ def probability(value: float) -> str:
 def sidak(chances: Sequence[float]) -> float:
     """Probability of the least of several independent probabilities (Sidak 1967)."""
     return float(-np.expm1(len(chances) * np.log1p(-min(*chances, 1.0 - 1e-16))))
+
+
+def sidak_level(level: float, tests: int) -> float:
+    """Level of each of several independent tests of which the least probability counts."""
+    return float(-np.expm1(np.log1p(-level) / tests))
 
 
 def combined_degrees(

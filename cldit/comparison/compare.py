@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cldit.comparison.chi_square import probability, sidak
 from cldit.comparison.difference import Align, Difference, difference
 from cldit.comparison.pixels import together
-from cldit.comparison.shown import Openable, Shown, open_shown
+from cldit.comparison.shown import OneFilter, Openable, Shown, open_filters, open_shown
 from cldit.dit.budget import Part
 from cldit.dit.maps import Reason
 from cldit.errors import EvaluationError
@@ -25,33 +27,82 @@ if TYPE_CHECKING:
 _SAME_FILTER_UM = 0.02  # at either edge: twice the usual uncertainty of a filter
 
 
+@dataclass(frozen=True, kw_only=True)
+class FilterDifferences:
+    """Differences of one result from another in each of several filters, by name.
+
+    Each filter has a test of its own, and the smallest p decides, for so many tests (Sidak 1967).
+    Errors that filters share, such as those of the black body or of the amount of spray, make it
+    alarm less often than stated and never more often (Royen 2014: symmetric convex regions of
+    normal variables are positively correlated).
+    """
+
+    other: str
+    by_filter: Mapping[str, Difference]
+
+    @property
+    def within(self) -> bool:
+        """True if the errors explain the differences in all filters."""
+        return all(pair.within for pair in self.by_filter.values())
+
+    @property
+    def power(self) -> bool:
+        """False if the stated errors exceed all that differs, in every filter."""
+        return any(pair.verdict.power for pair in self.by_filter.values())
+
+    @property
+    def p_value(self) -> float | None:
+        """Probability of a larger difference in any filter by the errors alone; None: unknown."""
+        tested = [pair.p_value for pair in self.by_filter.values() if pair.p_value is not None]
+        return sidak(tested) if len(tested) == len(self.by_filter) else None
+
+    @property
+    def text(self) -> str:
+        """Verdict of all filters, with those that have the effect; empty for a single filter."""
+        if len(self.by_filter) < 2:
+            return ""
+        where = [name for name, pair in self.by_filter.items() if not pair.within]
+        start = f"differs in {', '.join(where)}" if where else "no difference is seen"
+        start = start if where or self.power else "no power"
+        chance = "" if self.p_value is None else f" ({probability(self.p_value)})"
+        return f"{self.other}: {start}{chance}, by {len(self.by_filter)} filters"
+
+
 @dataclass(frozen=True)
 class Comparison:
-    """One result against others: differences in the order in which they were given."""
+    """One result against others, in the order in which they were given."""
 
-    differences: tuple[Difference, ...]
+    results: tuple[FilterDifferences, ...]
+
+    @property
+    def differences(self) -> tuple[Difference, ...]:
+        """Differences of all filters of all results."""
+        return tuple(pair for result in self.results for pair in result.by_filter.values())
 
     @property
     def differs(self) -> bool:
         """True if the errors do not explain one of the differences."""
-        return not all(pair.within for pair in self.differences)
+        return not all(result.within for result in self.results)
 
     @property
     def verdict(self) -> str:
-        """Simulations that the errors rule out, on one line; empty for one."""
-        if len(self.differences) < 2:
-            return ""
-        explained = [pair for pair in self.differences if pair.within]
-        groups = {
-            "ruled out": [pair for pair in self.differences if not pair.within],
-            "not ruled out": [pair for pair in explained if pair.verdict.power],
-            "no power": [pair for pair in explained if not pair.verdict.power],
-        }
-        return "; ".join(
-            f"{name}: {', '.join(pair.other for pair in pairs)}"
-            for name, pairs in groups.items()
-            if pairs
-        )
+        """Verdict by several filters, and simulations that are ruled out; empty for one of each."""
+        lines = [result.text for result in self.results if result.text]
+        if len(self.results) > 1:
+            explained = [result for result in self.results if result.within]
+            groups = {
+                "ruled out": [result for result in self.results if not result.within],
+                "not ruled out": [result for result in explained if result.power],
+                "no power": [result for result in explained if not result.power],
+            }
+            lines.append(
+                "; ".join(
+                    f"{name}: {', '.join(result.other for result in results)}"
+                    for name, results in groups.items()
+                    if results
+                )
+            )
+        return "\n".join(lines)
 
     def to_xarray(self) -> xarray.Dataset:
         """Change of T_app and standardised residuals (other, z, x) over z and x in mm.
@@ -81,8 +132,13 @@ class Comparison:
         """Plain data for JSON: that of the difference, or of a list of several."""
         if len(self.differences) == 1:
             return self.differences[0].to_dict()
-        pairs = [pair.to_dict() for pair in self.differences]
-        return {"comparisons": pairs, "verdict": self.verdict}
+        pairs = [
+            {**pair.to_dict(), "filter": name}
+            for result in self.results
+            for name, pair in result.by_filter.items()
+        ]
+        p_values = {result.other: result.p_value for result in self.results}
+        return {"comparisons": pairs, "verdict": self.verdict, "p_values": p_values}
 
 
 def compare(
@@ -91,21 +147,25 @@ def compare(
     acquired: bool = False,
     within_K: float | None = None,
     align: Align = "metadata",
-    lines: Mapping[str, Openable] | None = None,
+    lines: Mapping[str, OneFilter] | None = None,
+    extinction: Collection[str] = (),
 ) -> Comparison:
     """Compares a result, measured or simulated, with others in the same view.
 
     Args:
-        one: a run, or the folder of a run, of an evaluated acquisition or of measured data.
-        compared: likewise.
+        one: a run, or the folder of a run, of an evaluated acquisition or of measured data; of
+            several filters, such results by the filters' names, or an acquisition with a wheel.
+        compared: likewise, of the same filters.
         acquired: of runs, compare the recordings of their rigs, not the traces.
         within_K: RMS allowed in T_app; None: explained by the errors of both.
         align: scale, rotation, shift and mirror from the `metadata` or from the `images`.
         lines: runs by name, each the first run of these with one quantity changed by its
             spread (k, vapour, sizes, gas grid): an error that all simulations share.
+        extinction: filters in whose band the vapour is transparent: their emissivity is tested,
+            the extinction, since T_app is there that of the light that droplets scatter.
 
     Returns:
-        Differences from each of the others, with regions, causes and the test.
+        Differences from each of the others by filter, with regions, causes and the test.
 
     Raises:
         RunFolderError: there are no maps.
@@ -113,26 +173,76 @@ def compare(
     """
     if not compared:
         raise EvaluationError("one result alone; allowed: two or more")
-    reference = open_shown(one, acquired=acquired)
-    shown = [open_shown(openable, acquired=acquired) for openable in compared]
-    variants = {name: open_shown(openable) for name, openable in (lines or {}).items()}
-    _check([reference, *shown, *variants.values()])
-    base = next((result for result in shown if result.run is not None), None)
-    shown = [with_lines(result, onto=reference, base=base, variants=variants) for result in shown]
-    differences = [
-        difference(reference, result, within_K=within_K, align=align) for result in shown
+    opened = [open_filters(openable, acquired=acquired) for openable in (one, *compared)]
+    names = [
+        _name(openable, shown) for openable, shown in zip((one, *compared), opened, strict=True)
     ]
-    for pair in differences:
-        if not pair.regions["all"].pixels and not pair.same:
-            raise EvaluationError(
-                f"{pair.one} and {pair.other}: no pixel is visible in both; is it the same view?"
+    filters = _filters_of(names, opened)
+    if unknown := set(extinction) - set(filters):
+        named = ", ".join(name for name in filters if name) or "none, as NAME=RESULT names one"
+        raise EvaluationError(f"extinction: {', '.join(sorted(unknown))}; allowed: {named}")
+    if lines and len(filters) > 1:
+        raise EvaluationError(f"lines: {len(filters)} filters; allowed: results of one filter")
+    several = len(filters) > 1
+    by_filter = [
+        [shown[name] if several else next(iter(shown.values())) for shown in opened]
+        for name in filters
+    ]
+    variants = {name: open_shown(openable) for name, openable in (lines or {}).items()}
+    differences: list[dict[str, Difference]] = [{} for _ in compared]
+    for name, (reference, *shown) in zip(filters, by_filter, strict=True):
+        of_t_app = name not in extinction
+        _check([reference, *shown, *variants.values()], with_t_app=of_t_app)
+        base = next((result for result in shown if result.run is not None), None)
+        for pairs, result in zip(differences, shown, strict=True):
+            pairs[name] = difference(
+                reference,
+                with_lines(result, onto=reference, base=base, variants=variants),
+                within_K=within_K,
+                align=align,
+                observable="T_app" if of_t_app else "emissivity",
+                filters=len(filters),
             )
-    return Comparison(tuple(differences))
+            if not pairs[name].regions["all"].pixels and not pairs[name].same:
+                sides = f"{pairs[name].one} and {pairs[name].other}"
+                raise EvaluationError(f"{sides}: no pixel is visible in both; is it the same view?")
+    return Comparison(
+        tuple(
+            FilterDifferences(other=other, by_filter=pairs)
+            for other, pairs in zip(names[1:], differences, strict=True)
+        )
+    )
 
 
-def _check(shown: Sequence[Shown]) -> None:
+def _name(openable: Openable, shown: Mapping[str, Shown]) -> str:
+    """Name of a result; of several filters that of its folder, or those of all."""
+    if isinstance(openable, str | Path):
+        return str(openable)
+    return ", ".join(dict.fromkeys(result.name for result in shown.values()))
+
+
+def _filters_of(names: Sequence[str], opened: Sequence[Mapping[str, Shown]]) -> list[str]:
+    """Filters that all results have; single ones may have any name, since their edges are compared.
+
+    Raises EvaluationError if they differ.
+    """
+    named = next((list(shown) for shown in opened if "" not in shown), [""])
+    for shown in opened:
+        if set(shown) != set(named) and not len(shown) == len(named) == 1:
+            texts = [
+                f"{name} has {', '.join(filter(None, shown)) or 'one without a name'}"
+                for name, shown in zip(names, opened, strict=True)
+            ]
+            raise EvaluationError(
+                f"filters: {'; '.join(texts)}; allowed: the same for all, where FILTER=RESULT "
+                "names that of a run and takes one of several"
+            )
+    return named
+
+
+def _check(shown: Sequence[Shown], *, with_t_app: bool) -> None:
     for result in shown:
-        if not np.isfinite(result.maps.apparent_temperature_K).any():
+        if with_t_app and not np.isfinite(result.maps.apparent_temperature_K).any():
             counts = result.maps.count()
             frequent = max(counts, key=lambda reason: counts[reason], default=Reason.OK)
             raise EvaluationError(f"{result.name}: no pixel has a T_app: {frequent.text}")

@@ -12,14 +12,14 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.camera.alignment import Alignment
 from cldit.comparison.causes import Cause, causes, trials
-from cldit.comparison.chi_square import LEVEL
+from cldit.comparison.chi_square import LEVEL, sidak_level
 from cldit.comparison.members import injections_p
 from cldit.comparison.pixels import together
 from cldit.comparison.profiles import LineDifference, line_differences
 from cldit.comparison.regions import Value, positions_m, shape_of
 from cldit.comparison.registration import aligned
 from cldit.comparison.shared import unshared
-from cldit.comparison.shown import Openable, Shown, open_shown
+from cldit.comparison.shown import Observable, OneFilter, Shown, open_shown
 from cldit.comparison.tested import Mode, RegionDifference, seen_in_both, tested
 from cldit.comparison.verdict import Verdict
 from cldit.run.ensemble import INJECTIONS
@@ -27,7 +27,7 @@ from cldit.scene.keys import KeyDifference, key_differences
 
 Align = Literal["metadata", "images"]
 _COMPARED = {"apparent_temperature_K": "K", "emissivity": "1", "optical_depth": "1"}
-_CONCLUSIONS = ("differs", "region", "effect_K", "interval_K", "seen_K", "p_value")
+_CONCLUSIONS = ("effect", "interval", "seen")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +60,9 @@ class Difference:
     `all` pixels that are visible in both, and the parts of the spray. modes: errors that all pixels
     share. averaged: description of an average onto the other's pixels. view: as found from the
     images, with its errors. keys: that differ between the scenes. causes: that explain the
-    difference best. seen: both in one view. change_K, error_K, residuals: (H, W), the second with
-    the modes, the last in standard errors, less the modes that fit best.
+    difference best. seen: both in one view. change_K: (H, W) of T_app. change, error, residuals:
+    (H, W) of the observable that is tested, the second with the modes, the last in standard errors,
+    less the modes that fit best. filters: number of those that are tested, for the level of each.
     """
 
     one: str
@@ -85,8 +86,11 @@ class Difference:
     causes: tuple[Cause, ...]
     seen: tuple[Shown, Shown] = field(repr=False)
     change_K: Floats = field(repr=False)
-    error_K: Floats = field(repr=False)
+    change: Floats = field(repr=False)
+    error: Floats = field(repr=False)
     residuals: Floats = field(repr=False)
+    observable: Observable = "T_app"
+    filters: int = 1
 
     @property
     def t_app(self) -> MapDifference:
@@ -102,10 +106,15 @@ class Difference:
     @cached_property
     def profiles(self) -> dict[str, LineDifference]:
         """Profiles of both along the spray's axis and across it, with errors."""
-        spray = seen_in_both(*self.seen)
-        return line_differences(
-            self.seen, spray, self.change_K, error_K=self.error_K, modes=self.modes
-        )
+        spray = seen_in_both(*self.seen, self.observable)
+        of_t_app = self.observable == "T_app"
+        error_K = self.error if of_t_app else np.full(self.error.shape, np.nan)
+        return line_differences(self.seen, spray, self.change_K, error_K=error_K, modes=self.modes)
+
+    @property
+    def level(self) -> float:
+        """Level of the test in this filter."""
+        return sidak_level(LEVEL, self.filters)
 
     @property
     def same(self) -> bool:
@@ -131,17 +140,19 @@ class Difference:
     def where(self) -> tuple[str, ...]:
         """Parts of the spray in which the errors do not explain the difference."""
         return tuple(
-            name for name, region in self.regions.items() if name != "all" and region.differs
+            name
+            for name, region in self.regions.items()
+            if name != "all" and region.p_value is not None and region.p_value < self.level
         )
 
     @property
     def within(self) -> bool:
-        """True if the errors explain the difference in T_app, or if all values are the same."""
+        """True if the errors explain the difference, or if all values are the same."""
         if self.same:
             return True
         if self.given_K is not None:
             return self.t_app.rms is not None and self.t_app.rms <= self.given_K
-        return self.p_value is not None and self.p_value >= LEVEL
+        return self.p_value is not None and self.p_value >= self.level
 
     @property
     def verdict(self) -> Verdict:
@@ -155,10 +166,11 @@ class Difference:
         return Verdict(
             differs=differs,
             region=name,
-            effect_K=region.mean_K,
-            error_K=region.mean_error_K,
-            rms_K=region.rms_K,
-            seen_K=self.regions["all"].seen_K,
+            observable=self.observable,
+            effect=region.mean,
+            error=region.mean_error,
+            rms=region.rms,
+            seen=self.regions["all"].seen,
             p_value=self.p_value,
             keys=self.keys,
             causes=self.causes if differs else (),
@@ -170,29 +182,31 @@ class Difference:
         """Conclusion without a test by the errors; empty if there is one."""
         if self.same:
             return "the same in every pixel"
-        if self.t_app.rms is None:
+        if self.observable == "T_app" and self.t_app.rms is None:
             return "no pixel has a T_app in both"
         if self.given_K is not None:
             return f"{'within' if self.within else 'beyond'} the {self.given_K:.2g} K RMS allowed"
         if self.p_value is None:
-            if None in self.unshared_K:
+            if None in (
+                self.unshared_K if self.observable == "T_app" else self.unshared_emissivity
+            ):
                 return "differs, but no error is stated to compare with; --within gives a limit"
             return "cannot be tested: too few pixels are visible in both"
         return ""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        images = {"seen", "change_K", "error_K", "residuals", "modes", "regions"}
+        images = {"seen", "change_K", "change", "error", "residuals", "modes", "regions"}
         data = {
             item.name: getattr(self, item.name) for item in fields(self) if item.name not in images
         }
         data["maps"] = [asdict(quantity) for quantity in self.maps]
         data["keys"] = [asdict(key) for key in self.keys]
-        data["regions"] = {name: asdict(region) for name, region in self.regions.items()}
+        data["regions"] = {name: region.to_dict() for name, region in self.regions.items()}
         data["modes"] = {mode.name: mode.size for mode in self.modes}
         data["shapes"] = self.shapes
         data["profiles"] = {name: line.columns for name, line in self.profiles.items()}
-        verdict = self.verdict
+        verdict, suffix = self.verdict, "_K" if self.observable == "T_app" else "_emissivity"
         del data["causes"]
         return {
             **data,
@@ -201,24 +215,30 @@ class Difference:
             "where": self.where,
             "verdict": {
                 "text": verdict.lines,
-                **{name: getattr(verdict, name) for name in _CONCLUSIONS},
+                "differs": verdict.differs,
+                "region": verdict.region,
+                "p_value": verdict.p_value,
+                **{f"{name}{suffix}": getattr(verdict, name) for name in _CONCLUSIONS},
                 "causes": [asdict(cause) for cause in verdict.causes],
             },
         }
 
 
 def difference(
-    baseline: Openable,
-    compared: Openable,
+    baseline: OneFilter,
+    compared: OneFilter,
     *,
     acquired: bool = False,
     within_K: float | None = None,
     align: Align = "metadata",
+    observable: Observable = "T_app",
+    filters: int = 1,
 ) -> Difference:
     """Difference of two results: runs, or folders of runs, of acquisitions or measured data.
 
     `acquired` takes recordings of runs, not their traces. `within_K` is the RMS allowed in T_app in
     place of the errors. `align` finds the view from the images, or takes it from the metadata.
+    `observable` is tested, at the level of one of so many `filters`.
     Raises RunFolderError without maps, EvaluationError if the pixels cannot be brought together.
     """
     reference, result = (
@@ -229,18 +249,26 @@ def difference(
     by_images = align == "images"
     reference, result, averaged = together(parts.baseline, parts.compared, centred=not by_images)
     unaligned = parts.baseline, parts.compared
-    view, of_view = None, list[Floats]()
+    view, of_view = None, list[tuple[Floats, Floats]]()
     if by_images:
         reference, result, view, of_view = aligned(reference, result)
-    kelvin = [shown.maps.apparent_temperature_K.astype(np.float64) for shown in (reference, result)]
-    has, other_has = (np.isfinite(image) for image in kelvin)
-    change_K = kelvin[1] - kelvin[0]
-    test = tested(change_K, reference, result, of_view)
+    change_K, change = (
+        np.subtract(
+            *(getattr(shown.maps, name).astype(np.float64) for shown in (result, reference))
+        )
+        for name in ("apparent_temperature_K", "emissivity")
+    )
+    has, other_has = (np.isfinite(s.maps.apparent_temperature_K) for s in (reference, result))
+    of_t_app = observable == "T_app"
+    change = change_K if of_t_app else change
+    level = sidak_level(LEVEL, filters)
+    test = tested(change, reference, result, of_view, observable=observable, level=level)
     p_value = test.regions["all"].p_value
     explained = tuple[Cause, ...]()
-    if p_value is not None and p_value < LEVEL:
+    if p_value is not None and p_value < level:
         onto = partial(_onto, unaligned, view)
-        explained = causes(change_K, test, trials(*unaligned, (reference, result), onto))
+        temperatures = trials(*unaligned, (reference, result), onto) if of_t_app else ()
+        explained = causes(change, test, temperatures)
     scenes = [shown.scene or (shown.traced and shown.traced.scene) for shown in unaligned]
     return Difference(
         one=reference.name,
@@ -255,7 +283,9 @@ def difference(
         code=parts.code,
         at_least=reference.at_least or result.at_least,
         given_K=within_K,
-        injections_p=injections_p(reference.run, result.run, test.where["all"]),
+        injections_p=injections_p(
+            reference.run, result.run, test.where["all"], of_emissivity=not of_t_app
+        ),
         regions=test.regions,
         modes=test.modes,
         averaged=averaged,
@@ -264,8 +294,11 @@ def difference(
         causes=explained,
         seen=(reference, result),
         change_K=change_K,
-        error_K=test.error_K,
+        change=change,
+        error=test.error,
         residuals=test.residuals,
+        observable=observable,
+        filters=filters,
     )
 
 

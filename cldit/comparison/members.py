@@ -40,10 +40,12 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class OfInjections:
-    """Error of a mean of injections (H, W): components, and the variance [K^2] of the rest."""
+    """Error of a mean of injections (H, W): components, and the variance of the rest, of T_app
+    [K^2] and of the emissivity."""
 
     parts: tuple[Part, ...]
     rest_K2: Floats
+    rest_emissivity2: Floats
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,10 @@ class Members:
         """Error of the mean of these injections."""
         count = len(self.radiance)
         kelvin = self.kelvin(self.radiance, self.emissivity)
-        rest = np.sum(kelvin**2, axis=0) - np.sum((self.turn.T @ kelvin) ** 2, axis=0)
+        rest_K2, rest_emissivity2 = (
+            np.sum(values**2, axis=0) - np.sum((self.turn.T @ values) ** 2, axis=0)
+            for values in (kelvin, self.emissivity)
+        )
         changes = (self.one(values) / count**0.5 for values in (kelvin, self.emissivity))
         parts = zip(*(self.image(values) for values in changes), strict=True)
         return OfInjections(
@@ -129,7 +134,10 @@ class Members:
                 )
                 for number, (of_K, of_e) in enumerate(parts, start=1)
             ),
-            self.image(np.maximum(rest, 0.0) / (count * (count - 1))),
+            *(
+                self.image(np.maximum(rest, 0.0) / (count * (count - 1)))
+                for rest in (rest_K2, rest_emissivity2)
+            ),
         )
 
     def of_shots(self, shots: float) -> tuple[Part, ...]:
@@ -201,7 +209,9 @@ def _images(run: Run, seen: Mask, *, on_sensor: bool) -> tuple[Floats, Floats]:
     return emissivity, radiance
 
 
-def injections_p(baseline: Run | None, compared: Run | None, seen: Mask) -> float | None:
+def injections_p(
+    baseline: Run | None, compared: Run | None, seen: Mask, *, of_emissivity: bool = False
+) -> float | None:
     """Probability that the injections of two runs are of the same spray, by permutation.
 
     seen: (H, W) pixels that count. None if one has other pixels, or if there are too few injections
@@ -217,6 +227,8 @@ def injections_p(baseline: Run | None, compared: Run | None, seen: Mask) -> floa
     count, of = len(sides[0][1]), sum(len(emissivity) for _, emissivity, _ in sides)
     if 2.0 / math.comb(of, count) > LEVEL:
         return None
+    if of_emissivity:
+        return permutation_p(sides[0][1], sides[1][1])
     curve = Curve(filter_um=sides[0][0].quadrature.filter_um)
     kelvin = np.mean([run.maps.apparent_temperature_K[seen] for run, *_ in sides], axis=0)
     black, slope = curve.radiance(kelvin), curve.slope(kelvin)

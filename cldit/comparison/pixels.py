@@ -104,7 +104,10 @@ def _averaged(trace: Shown, onto: Shown, grids: str, *, centred: bool) -> Shown:
     reference = means(run.reference)
     sensor = sensor_of(run.scene, run.quadrature, (spectral, reference))
     maps = evaluated(run.scene, run.quadrature, spectral, reference, sensor)
-    error_map_K = None if trace.error_map_K is None else _mean_known(trace.error_map_K, mean)
+    error_K, error = (
+        None if image is None else _mean_known(image, mean)
+        for image in (trace.error_map_K, trace.emissivity_error_map)
+    )
     common = tuple(
         replace(part, kelvin=mean(part.kelvin), emissivity=mean(part.emissivity))
         for part in trace.common
@@ -114,7 +117,8 @@ def _averaged(trace: Shown, onto: Shown, grids: str, *, centred: bool) -> Shown:
         maps=maps,
         pixel_m=onto.pixel_m,
         centre_m=onto.centre_m,
-        error_map_K=error_map_K,
+        error_map_K=error_K,
+        emissivity_error_map=error,
         common=common,
         run=None,
     )
@@ -156,8 +160,10 @@ def _averaged_recording(
         return replace(part, kelvin=change, emissivity=mean(np.nan_to_num(part.emissivity)))
 
     common = tuple(averaged(part) for part in fine.common)
-    independent = fine.independent_K2
-    of_e = np.nan_to_num(fine.maps.emissivity_standard_error).astype(np.float64) ** 2
+    independent = fine.independent_variance()
+    stated = fine.emissivity_error_map
+    stated = fine.maps.emissivity_standard_error.astype(np.float64) if stated is None else stated
+    of_e = np.nan_to_num(stated) ** 2
     of_e -= sum((np.nan_to_num(part.emissivity) ** 2 for part in fine.common), 0.0)
     square_e = mean_square(np.maximum(of_e, 0.0))
     square_e = square_e + sum((part.emissivity**2 for part in common), 0.0)
@@ -184,6 +190,7 @@ def _averaged_recording(
         fine,
         maps=Maps(**{k: image.astype(np.float32) for k, image in images.items()}, reason=reason),
         error_map_K=None if fine.error_map_K is None else np.where(seen, error_K, np.nan),
+        emissivity_error_map=None if fine.emissivity_error_map is None else np.sqrt(square_e),
         common=common,
         systematic=tuple(averaged(part) for part in fine.systematic),
     )

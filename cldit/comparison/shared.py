@@ -14,7 +14,7 @@ from cldit.accuracy.errors import OMISSION, PARTS, Cause
 from cldit.arrays import Floats, Mask
 from cldit.camera.view import SensorView
 from cldit.comparison.members import Members
-from cldit.comparison.shown import Shown
+from cldit.comparison.shown import Observable, Shown
 from cldit.dit.budget import Part
 from cldit.io.origin import ROOMS
 from cldit.run import Run
@@ -24,6 +24,7 @@ from cldit.scene.scatter import without_scatter
 
 _LATTICE, _CLASSES, _CELLS = ("spacing_m",), ("size_classes",), ("depth", "lattice_of_m")
 _OWN = ("pixels", "seed")  # parts whose errors pixels do not share
+_OBSERVABLES: tuple[Observable, Observable] = ("T_app", "emissivity")
 _COMMON = 0.5**0.5  # of the error by another source, in all pixels alike
 
 
@@ -173,7 +174,7 @@ def _counted(
 
     Rays and paths of a pixel are its own, so that their errors are independent. Other sources, such
     as cells, are wrong alike in whole areas of the image, of which only the size is known: half of
-    their variance counts as common to all pixels.
+    their variance counts as common to all pixels, independent in T_app and in the emissivity.
     """
     run = shown.traced
     if run is None:
@@ -184,11 +185,11 @@ def _counted(
     stated = [cause for cause in remaining if cause.error_K is not None]
     of_run = None if shown.run is not None else shown.maps
     members = Members.of(run, recorded=of_run) if shown.error_map_K is not None else None
-    common, rest = tuple[Part, ...](), list[Floats]()
+    common, rests = tuple[Part, ...](), (list[Floats](), list[Floats]())
     if members is not None:
         if any(cause.name == INJECTIONS for cause in stated):
             of_mean = members.of_mean
-            common, rest = of_mean.parts, [of_mean.rest_K2]
+            common, rests = of_mean.parts, ([of_mean.rest_K2], [of_mean.rest_emissivity2])
             stated = [cause for cause in stated if cause.name != INJECTIONS]
         if shown.noisy:
             common += members.of_shots(run.scene.plan.shots)
@@ -199,38 +200,49 @@ def _counted(
         share = 1.0 if counted is None else float(np.mean(counted))
         square += share * (cause.error_K or 0.0) ** 2
     square_e += sum((cause.emissivity or 0.0) ** 2 for cause in remaining)
-    map_K = shown.error_map_K
-    if map_K is not None:
-        noise_K = np.where(np.isfinite(map_K), 0.0 if shown.run is not None else map_K, np.nan)
-        images = {
-            cause.name: _map_of(shown, cause, map_K, inside.get(cause.name)) for cause in stated
-        }
-        rest += [image**2 for image in images.values()]
-        rest += [part.kelvin**2 for part in common]
-        common += tuple(
-            Part(name=cause.name, kelvin=_COMMON * images[cause.name], emissivity=0.0 * map_K)
-            for cause in stated
-            if cause.shared_by not in _OWN
-        )
-        map_K = np.sqrt(sum(rest, noise_K**2))
+    images = [
+        {cause.name: _map_of(shown, cause, of, inside.get(cause.name)) for cause in stated}
+        for of in _OBSERVABLES
+    ]
+    totals = list[Floats | None]()
+    for of, image, rest, by_cause in zip(
+        _OBSERVABLES, (shown.error_map_K, shown.emissivity_error_map), rests, images, strict=True
+    ):
+        if image is None:
+            totals.append(None)
+            continue
+        noise = np.where(np.isfinite(image), 0.0 if shown.run is not None else image, np.nan)
+        squares = [*rest, *(part.of(of) ** 2 for part in common)]
+        squares += [error**2 for error in by_cause.values()]
+        totals.append(np.sqrt(sum(squares, noise**2)))
+    if totals[0] is not None:
+        for name in (cause.name for cause in stated if cause.shared_by not in _OWN):
+            kelvin, emissivity = (_COMMON * image[name] for image in images)
+            for change in ((kelvin, 0.0 * kelvin), (0.0 * kelvin, emissivity)):
+                if np.any(change):
+                    common += (Part(name=name, kelvin=change[0], emissivity=change[1]),)
     return replace(
         shown,
         common=shown.common + common,
         error_K=square**0.5,
-        error_map_K=map_K,
+        error_map_K=totals[0],
         emissivity_error=square_e**0.5,
+        emissivity_error_map=totals[1],
         at_least=any(cause.error_K is None for cause in remaining),
     )
 
 
-def _map_of(shown: Shown, cause: Cause, like: Floats, inside: Mask | None) -> Floats:
+def _map_of(shown: Shown, cause: Cause, observable: Observable, inside: Mask | None) -> Floats:
     """Error of a source in each pixel; the same in all if it has no map."""
     run = shown.traced
-    assert run is not None and cause.error_K is not None
-    error_map = run.error_maps.get(cause.name)
+    assert run is not None
+    maps, error = run.error_maps, cause.error_K
+    if observable == "emissivity":
+        maps, error = run.emissivity_error_maps, cause.emissivity
+    error_map = maps.get(cause.name)
     square = np.ones(run.maps.reason.shape) if inside is None else inside.astype(np.float64)
     if error_map is not None:
         square = square * np.nan_to_num(error_map.astype(np.float64)) ** 2
-    if square.shape != like.shape:
+    if square.shape != shown.maps.reason.shape:
         square = SensorView.from_scene(run.scene).image(square)
-    return np.sqrt(square) * (cause.error_K if error_map is None else 1.0)
+    return np.sqrt(square) * ((error or 0.0) if error_map is None else 1.0)

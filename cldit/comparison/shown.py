@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.acquisition.measured import Measured, open_recorded
+from cldit.acquisition.plan import Group
+from cldit.acquisition.record import maps_of_group
 from cldit.acquisition.storage import RIG
 from cldit.arrays import Floats
 from cldit.camera.view import SensorView
@@ -22,6 +25,8 @@ from cldit.optics.response import edges_um, from_plain
 from cldit.run import Run, open_run
 from cldit.scene import Scene
 
+Observable = Literal["T_app", "emissivity"]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
@@ -30,14 +35,13 @@ class Shown:
     maps: (H, W). pixel_m: width and height of a pixel on the object. centre_m: (x, z) of the
     image's centre. error_K: stated standard error of T_app, RMS over its pixels; None if not
     stated. at_least: True if a cause of it is unknown. error_map_K: (H, W), in each pixel; None: as
-    error_K. emissivity_error: as error_K, of emissivity; a trace's maps have it in each pixel, by
-    the simulation. common: parts of it that are one random number for all pixels. systematic:
-    errors that it does not contain, of one stated spread each. run: the run of a trace; None for a
-    recording. traced: the run whose errors the maps contain, that which was recorded included; None
-    if unknown. noisy: True if the maps contain the noise of a camera. filter_um: edges of the
-    filter; None: as the scene, or unknown. walls_spread_K: of their temperature, as stated.
-    degrees: of freedom of the estimate of a pixel's error; infinite if it is known, or their number
-    is not.
+    error_K. emissivity_error, emissivity_error_map: likewise of emissivity. common: parts of it
+    that are one random number for all pixels. systematic: errors that it does not contain, of one
+    stated spread each. run: the run of a trace; None for a recording. traced: the run whose errors
+    the maps contain, that which was recorded included; None if unknown. noisy: True if the maps
+    contain the noise of a camera. filter_um: edges of the filter; None: as the scene, or unknown.
+    walls_spread_K: of their temperature, as stated. degrees: of freedom of the estimate of a
+    pixel's error; infinite if it is known, or their number is not.
     """
 
     name: str
@@ -48,6 +52,7 @@ class Shown:
     at_least: bool = False
     error_map_K: Floats | None = None
     emissivity_error: float | None = None
+    emissivity_error_map: Floats | None = None
     common: tuple[Part, ...] = ()
     systematic: tuple[Part, ...] = ()
     noisy: bool = False
@@ -58,15 +63,17 @@ class Shown:
     run: Run | None = None
     traced: Run | None = None
 
-    @property
-    def independent_K2(self) -> Floats | None:
+    def independent_variance(self, observable: Observable = "T_app") -> Floats | None:
         """Variance (H, W) of errors that pixels do not share; None if no error is stated."""
-        if self.error_K is None and self.error_map_K is None:
+        error, image = self.error_K, self.error_map_K
+        if observable == "emissivity":
+            error, image = self.emissivity_error, self.emissivity_error_map
+        if error is None and image is None:
             return None
-        uniform_K = np.full(self.maps.emissivity.shape, self.error_K or 0.0)
-        square: Floats = (uniform_K if self.error_map_K is None else self.error_map_K) ** 2
+        uniform = np.full(self.maps.emissivity.shape, error or 0.0)
+        square: Floats = (uniform if image is None else image) ** 2
         for part in self.common:
-            square = square - np.nan_to_num(part.kelvin) ** 2
+            square = square - np.nan_to_num(part.of(observable)) ** 2
         return np.maximum(square, 0.0)
 
     @property
@@ -95,13 +102,37 @@ class Shown:
         )
 
 
-Openable = str | Path | Run | Shown
+OneFilter = str | Path | Run | Shown
+Openable = OneFilter | Mapping[str, OneFilter]
+"""A result of one filter or of several; or results by the names of their filters."""
 
 
-def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
+def open_filters(of: Openable, *, acquired: bool = False) -> dict[str, Shown]:
+    """Maps of a result by filter; the name is empty if the result names no filter.
+
+    In a mapping, a result of several filters is that of the filter whose name it has.
+    """
+    if isinstance(of, Mapping):
+        return {
+            name: open_shown(result, acquired=acquired, filter_name=name)
+            for name, result in of.items()
+        }
+    names = ("",) if acquired or isinstance(of, Run | Shown) else _filters(Path(of))
+    return {name: open_shown(of, acquired=acquired, filter_name=name) for name in names}
+
+
+def _filters(place: Path) -> tuple[str, ...]:
+    """Names of the filters of a recording; an empty one if it, or a run, has none."""
+    opened = None if (place / "scene.yaml").is_file() else open_recorded(place)
+    named = () if opened is None or isinstance(opened, Measured) else opened.plan.filters
+    return named or ("",)
+
+
+def open_shown(of: OneFilter, *, acquired: bool = False, filter_name: str = "") -> Shown:
     """Maps of a run, of its recording if `acquired`, or of evaluated shots or measured data.
 
-    of: a run, a folder, or measured.yaml. Raises RunFolderError if there are no such maps.
+    of: a run, a folder, or measured.yaml. filter_name: of an acquisition with several filters.
+    Raises RunFolderError if there are no such maps.
     """
     if isinstance(of, Shown):
         return of
@@ -112,17 +143,26 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
         run = open_run(place)
         return _recorded_by(run, str(place)) if acquired else _traced(run, str(place))
     opened = open_recorded(place)
-    if not isinstance(opened, Measured) and len(opened.plan.groups) > 1:
-        filters, delays = max(len(opened.plan.filters), 1), len(opened.plan.delays)
-        counts = f"{filters} filter(s) at {delays} delay(s)"
-        raise RunFolderError(f"{place}: contains {counts}; allowed: an acquisition of one of each")
-    folder = opened.folder / "maps"
+    folder, name = opened.folder / "maps", str(place)
+    if not isinstance(opened, Measured):
+        plan = opened.plan
+        if len(plan.delays) > 1:
+            counts = f"{len(plan.delays)} delays"
+            raise RunFolderError(f"{place}: contains {counts}; allowed: an acquisition of one")
+        if len(plan.filters) > 1:
+            if filter_name not in plan.filters:
+                allowed = f"allowed: one of {', '.join(plan.filters)}"
+                raise RunFolderError(f"{place}: filter {filter_name or 'none'}; {allowed}")
+            name = f"{place}, {filter_name}"
+        group = Group(plan.filters.index(filter_name) if len(plan.filters) > 1 else 0)
+        folder, opened = maps_of_group(opened.folder, plan, group), opened.of_group(group)
+        filter_name = plan.filter_name(group) or ""
     if not folder.is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
-    traced = None if isinstance(opened, Measured) else _recorded_run(opened.folder)
+    traced = None if isinstance(opened, Measured) else _recorded_run(opened.folder, filter_name)
     maps = Maps.load(folder)
     recording = recorded(
-        str(place),
+        name,
         maps,
         opened.pixel_m,
         opened.centre_m,
@@ -135,15 +175,16 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     return replace(recording, filter_um=edges_um(filter_um), walls_spread_K=spread_K)
 
 
-def _recorded_run(folder: Path) -> Run | None:
+def _recorded_run(folder: Path, filter_name: str) -> Run | None:
     """Run whose light an acquisition contains: that around it, or that its simulated rig names."""
-    parent = folder.resolve().parent
-    if (parent / "scene.yaml").is_file():
-        return open_run(parent)
     file = folder / RIG
     rig = read_mapping(file) if file.is_file() else {}
     settings = (rig.get("bench") or {}).get("settings") or {}
-    named = settings.get("run")
+    behind = (settings.get("filters") or {}).get(filter_name)
+    parent = folder.resolve().parent
+    if behind is None and (parent / "scene.yaml").is_file():
+        return open_run(parent)
+    named = settings.get("run") if behind is None else behind[0] if len(behind) == 1 else None
     if not isinstance(named, str) or settings.get("runs"):
         return None
     run = Path(rig.get("folder") or folder) / named
@@ -153,8 +194,9 @@ def _recorded_run(folder: Path) -> Run | None:
 def _traced(run: Run, name: str) -> Shown:
     x, _, z = run.scene.target_m
     total_K, errors, maps = run.error_maps.get(TOTAL), run.errors, run.maps
-    if TOTAL in run.emissivity_error_maps:  # a trace has no noise of a sensor
-        maps = replace(maps, emissivity_standard_error=run.emissivity_error_maps[TOTAL])
+    total = run.emissivity_error_maps.get(TOTAL)
+    if total is not None:  # a trace has no noise of a sensor
+        maps = replace(maps, emissivity_standard_error=total)
     return Shown(
         name=name,
         maps=maps,
@@ -164,6 +206,7 @@ def _traced(run: Run, name: str) -> Shown:
         at_least=errors is not None and bool(errors.unknown),
         error_map_K=None if total_K is None else total_K.astype(np.float64),
         emissivity_error=None if errors is None else errors.total_emissivity,
+        emissivity_error_map=None if total is None else total.astype(np.float64),
         scene=run.scene,
         run=run,
         traced=run,
@@ -222,6 +265,7 @@ def recorded(
         error_K=float(np.sqrt(np.mean(error_K[finite] ** 2))) if finite.any() else None,
         error_map_K=error_K,
         emissivity_error=float(np.sqrt(np.nanmean(square))) if finite.any() else None,
+        emissivity_error_map=maps.emissivity_standard_error.astype(np.float64),
         common=tuple(replace(part, degrees=sum(degrees) or math.inf) for part in parts[1]),
         systematic=() if traced is not None else parts[0],
         noisy=True,

@@ -1,23 +1,27 @@
 """Test of a difference in all pixels of the spray and by region, with the errors of both results.
 
-The difference may be of any quantity: its independent variance and the modes are given with it.
+The difference is one of T_app, or of the emissivity, which is the extinction in a band where the
+vapour is transparent. Numbers without a unit in their name are in that of the observable.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
 from cldit.arrays import Floats, Mask
 from cldit.comparison.chi_square import LEVEL, ChiSquare, chi_square, combined_degrees, probability
 from cldit.comparison.regions import Spray2D, positions_m
-from cldit.comparison.shown import Shown
+from cldit.comparison.shown import Observable, Shown
 from cldit.dit.budget import Part
+from cldit.dit.solve import LEAST_EMISSIVITY
 
-_ROUNDED_K = 2e-3  # single precision on different devices
+# Single precision on different devices, and the accuracy of a trace.
+_ROUNDED: dict[Observable, float] = {"T_app": 2e-3, "emissivity": LEAST_EMISSIVITY}
 _CLEAR = 5.0  # standard errors of the emissivity, in pixels that count
 _MOST_MODES = 16
 _LEAST_PIXELS = 4  # of a region
@@ -37,40 +41,49 @@ class Mode:
     size: float = 0.0
     degrees: float = math.inf
 
+    def of(self, observable: Observable) -> Floats:
+        """Change (H, W) of T_app, or of the emissivity."""
+        return self.kelvin if observable == "T_app" else self.emissivity
+
 
 @dataclass(frozen=True, kw_only=True)
 class RegionDifference:
-    """Difference of T_app in a region of the spray, and its test by the errors.
+    """Difference of T_app or emissivity in a region of the spray, and its test by the errors.
 
     All numbers are None in fewer than 4 pixels, or without stated errors.
+    unit: of rms, mean, its error and seen: K or 1.
     effective_pixels: number of independent pixels with the same scatter of chi-square.
-    mean_error_K: standard error of the mean. chi2_reduced: chi-square per pixel, 1 if the errors
-    explain the difference. p_value: probability of a larger difference by the errors alone. seen_K:
+    mean_error: standard error of the mean. chi2_reduced: chi-square per pixel, 1 if the errors
+    explain the difference. p_value: probability of a larger difference by the errors alone. seen:
     change of all pixels that the test finds with a probability of 95 %.
     """
 
     pixels: int
+    unit: str = "K"
     effective_pixels: float | None = None
-    rms_K: float | None = None
-    mean_K: float | None = None
-    mean_error_K: float | None = None
+    rms: float | None = None
+    mean: float | None = None
+    mean_error: float | None = None
     chi2_reduced: float | None = None
     p_value: float | None = None
-    seen_K: float | None = None
+    seen: float | None = None
 
-    @property
-    def differs(self) -> bool:
-        """True if the errors do not explain the difference."""
-        return self.p_value is not None and self.p_value < LEVEL
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; names of numbers in the unit end with it."""
+        suffix = "_K" if self.unit == "K" else "_emissivity"
+        of_unit = ("rms", "mean", "mean_error", "seen")
+        data = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "unit"}
+        return {f"{name}{suffix * (name in of_unit)}": value for name, value in data.items()}
 
     @property
     def cells(self) -> list[str]:
         """RMS, mean, reduced chi-square, p and number of pixels, as texts."""
         if self.p_value is None or self.chi2_reduced is None:
             return ["-", "-", "-", "unknown", str(self.pixels)]
+        unit = " K" if self.unit == "K" else ""
         return [
-            f"{self.rms_K:.3g} K",
-            f"{self.mean_K:+.2g} ± {self.mean_error_K:.2g} K",
+            f"{self.rms:.3g}{unit}",
+            f"{self.mean:+.2g} ± {self.mean_error:.2g}{unit}",
             f"{self.chi2_reduced:.2f}",
             probability(self.p_value).removeprefix("p = "),
             str(self.pixels),
@@ -79,75 +92,96 @@ class RegionDifference:
 
 @dataclass(frozen=True, kw_only=True)
 class Tested:
-    """A difference of T_app, tested.
+    """A difference of an observable, tested.
 
     regions: `all` pixels that are visible in both, and the parts of the spray. modes: errors that
-    all pixels share, with their best sizes. own_K: (H, W) independent standard error; error_K: with
+    all pixels share, with their best sizes. independent: (H, W) standard error; error: with
     the modes; NaN without stated errors. degrees: of freedom of both. where: parts (H, W);
-    thin: the half of the pixels with the smaller emissivity.
+    thin: the half of the pixels with the smaller emissivity. level: of the test.
     residuals: (H, W) in standard errors, less the modes that fit best.
     """
 
     regions: dict[str, RegionDifference]
     modes: tuple[Mode, ...]
-    own_K: Floats
-    error_K: Floats
+    independent: Floats
+    error: Floats
     residuals: Floats
     degrees: tuple[float, float]
     where: dict[str, Mask]
     thin: Mask
+    observable: Observable
+    level: float
 
-    def again(self, change_K: Floats, name: str = "all") -> ChiSquare | None:
+    def again(self, change: Floats, name: str = "all") -> ChiSquare | None:
         """Chi-square of another change (H, W) with the same errors, in a region."""
-        kelvin = np.array([mode.kelvin for mode in self.modes]).reshape(-1, *change_K.shape)
+        modes = [mode.of(self.observable) for mode in self.modes]
         parts = [mask for part, mask in self.where.items() if part != "all"]
         return chi_square(
-            change_K,
-            self.own_K,
-            kelvin,
+            change,
+            self.independent,
+            np.array(modes).reshape(-1, *change.shape),
             self.where[name],
             degrees=self.degrees,
             parts=parts if name == "all" else (),
             strata=(self.thin, ~self.thin),
+            level=self.level,
         )
 
 
-def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence[Floats]) -> Tested:
-    """Test of a change of T_app; `of_view` are changes by the errors of an alignment."""
-    spray = seen_in_both(baseline, compared)
+def tested(
+    change: Floats,
+    baseline: Shown,
+    compared: Shown,
+    of_view: Sequence[tuple[Floats, Floats]],
+    *,
+    observable: Observable = "T_app",
+    level: float = LEVEL,
+) -> Tested:
+    """Test of a change (H, W) of an observable at a level.
+
+    of_view: changes of T_app and emissivity by the errors of an alignment.
+    """
+    spray = seen_in_both(baseline, compared, observable)
+    unit = "K" if observable == "T_app" else "1"
     regions = spray.regions
     # The amount of spray scatters smoothly and changes thin pixels; the errors of opaque ones are
     # the camera's. So the errors of either half are correlated otherwise.
     seen = spray.emissivity[spray.visible]
     thin = spray.emissivity <= (np.median(seen) if seen.size else 0.0)
-    modes = shared_modes(baseline, compared) + tuple(
-        Mode(f"view {number}", kelvin, 0.0 * kelvin)
-        for number, kelvin in enumerate(of_view, start=1)
+    of_views = (Mode(f"view {n}", *changes) for n, changes in enumerate(of_view, start=1))
+    modes = (*shared_modes(baseline, compared), *of_views)
+    modes = tuple(mode for mode in modes if mode.of(observable).any())
+    of_baseline, of_compared = (
+        shown.independent_variance(observable) for shown in (baseline, compared)
     )
-    of_baseline, of_compared = (shown.independent_K2 for shown in (baseline, compared))
-    nothing = np.full(change_K.shape, np.nan)
+    nothing = np.full(change.shape, np.nan)
     untested = Tested(
         regions={
-            name: RegionDifference(pixels=int(np.count_nonzero(where & np.isfinite(change_K))))
+            name: RegionDifference(
+                pixels=int(np.count_nonzero(where & np.isfinite(change))), unit=unit
+            )
             for name, where in regions.items()
         },
         modes=(),
-        own_K=nothing,
-        error_K=nothing,
+        independent=nothing,
+        error=nothing,
         residuals=nothing,
         degrees=(np.inf, np.inf),
         where=regions,
         thin=thin,
+        observable=observable,
+        level=level,
     )
     if of_baseline is None or of_compared is None:
         return untested
-    variance = of_baseline + of_compared + _ROUNDED_K**2
+    variance = of_baseline + of_compared + _ROUNDED[observable] ** 2
     finite = spray.visible & np.isfinite(variance)
-    weights = [float(np.sum(mode.kelvin[finite] ** 2 / variance[finite])) for mode in modes]
+    images = [mode.of(observable) for mode in modes]
+    weights = [float(np.sum(image[finite] ** 2 / variance[finite])) for image in images]
     kept = sorted(np.argsort(weights)[::-1][:_MOST_MODES])
-    for number, mode in enumerate(modes):
+    for number, image in enumerate(images):
         if number not in kept:  # as if it were independent
-            variance = variance + mode.kelvin**2
+            variance = variance + image**2
     modes = tuple(modes[number] for number in kept)
     of_pixels = combined_degrees(
         [float(np.sum((of / variance)[finite])) for of in (of_baseline, of_compared)],
@@ -155,58 +189,57 @@ def tested(change_K: Floats, baseline: Shown, compared: Shown, of_view: Sequence
         total_variance=finite.sum(),
     )
     of_modes = combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes])
-    total = variance + sum((mode.kelvin**2 for mode in modes), 0.0)
+    total = variance + sum((images[number] ** 2 for number in kept), 0.0)
     statistic = replace(
         untested,
         modes=modes,
-        own_K=np.sqrt(variance),
-        error_K=np.sqrt(total),
+        independent=np.sqrt(variance),
+        error=np.sqrt(total),
         degrees=(of_pixels, of_modes),
     )
-    results = {name: statistic.again(change_K, name) for name in regions}
+    results = {name: statistic.again(change, name) for name in regions}
     of_all = results["all"]
     sizes = [0.0] * len(modes) if of_all is None else of_all.sizes.tolist()
     return replace(
         statistic,
         regions={
-            name: _region(change_K, statistic.own_K, modes, result)
-            for name, result in results.items()
+            name: _region(change, statistic, result, unit) for name, result in results.items()
         },
         modes=tuple(replace(m, size=size) for m, size in zip(modes, sizes, strict=True)),
         residuals=nothing if of_all is None else of_all.residuals,
     )
 
 
-def _region(
-    change_K: Floats, error_K: Floats, modes: tuple[Mode, ...], result: ChiSquare | None
-) -> RegionDifference:
+def _region(change: Floats, test: Tested, result: ChiSquare | None, unit: str) -> RegionDifference:
     if result is None or result.pixels < _LEAST_PIXELS:
-        return RegionDifference(pixels=0 if result is None else result.pixels)
+        return RegionDifference(pixels=0 if result is None else result.pixels, unit=unit)
     finite = np.isfinite(result.residuals)
-    square = float(np.sum(error_K[finite] ** 2)) * result.correlated / result.pixels**2
-    square += sum(float(np.mean(mode.kelvin[finite])) ** 2 for mode in modes)
+    square = float(np.sum(test.independent[finite] ** 2)) * result.correlated / result.pixels**2
+    square += sum(float(np.mean(mode.of(test.observable)[finite])) ** 2 for mode in test.modes)
     return RegionDifference(
         pixels=result.pixels,
+        unit=unit,
         effective_pixels=result.effective,
-        rms_K=float(np.sqrt(np.mean(change_K[finite] ** 2))),
-        mean_K=float(np.mean(change_K[finite])),
-        mean_error_K=square**0.5,
+        rms=float(np.sqrt(np.mean(change[finite] ** 2))),
+        mean=float(np.mean(change[finite])),
+        mean_error=square**0.5,
         chi2_reduced=result.reduced,
         p_value=result.p_value,
-        seen_K=result.seen,
+        seen=result.seen,
     )
 
 
-def seen_in_both(baseline: Shown, compared: Shown) -> Spray2D:
+def seen_in_both(baseline: Shown, compared: Shown, observable: Observable = "T_app") -> Spray2D:
     """Spray that is visible in both, by the emissivity of the one without noise, or by the mean.
 
-    An emissivity that is noisy would select pixels by their noise, which that of T_app follows. It
-    must exceed 5 standard errors, for T_app is divided by it.
+    An emissivity that is noisy would select pixels by their noise, which that of T_app follows; the
+    mean of two does not select the difference. It must exceed 5 standard errors where T_app counts,
+    which is divided by it.
     """
     quiet = [shown for shown in (baseline, compared) if not shown.noisy] or [baseline, compared]
     emissivity = np.mean([shown.maps.emissivity for shown in quiet], axis=0, dtype=float)
-    finite = np.isfinite(emissivity)
-    for shown in (baseline, compared):
+    finite = np.isfinite(baseline.maps.emissivity) & np.isfinite(compared.maps.emissivity)
+    for shown in (baseline, compared) if observable == "T_app" else ():
         finite &= np.isfinite(shown.maps.apparent_temperature_K)
         if shown.noisy:
             finite &= emissivity > _CLEAR * shown.maps.emissivity_standard_error

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from cldit.comparison.causes import Cause
 from cldit.comparison.chi_square import LEVEL, probability
+from cldit.comparison.shown import Observable
 from cldit.scene.keys import KeyDifference
 
 _TWO_SIDED = 1.96  # standard errors of an interval of 95 %
@@ -17,34 +18,35 @@ _NOT_SEEN = ("name", "description", "rig", "plan", "optics.compare_paper")  # ke
 class Verdict:
     """Conclusion on the difference of two results.
 
-    differs: True if the errors do not explain it; None: there is no test, and `why` is the reason.
-    region: part of the spray with the smallest p, or `all` if the errors explain the difference.
-    effect_K: mean change of T_app in it, error_K: its standard error, both None without errors;
-    rms_K: of the change. seen_K: change of all pixels that the test finds with a probability of
-    95 %. p_value: probability of a larger difference by the errors alone. keys: of the scenes, that
-    differ. causes: the best, and those that explain as much within chance. at_least: True if the
-    size of an error is unknown.
+    differs: True if the errors do not explain it; None: there is no test, and `reason` is the
+    reason. region: part of the spray with the smallest p, or `all` if the errors explain the
+    difference. effect: mean change of the observable in it, error: its standard error, both None
+    without errors; rms: of the change. seen: change of all pixels that the test finds with a
+    probability of 95 %. p_value: probability of a larger difference by the errors alone. keys: of
+    the scenes, that differ. causes: the best, and those that explain as much within chance.
+    at_least: True if the size of an error is unknown.
     """
 
     differs: bool | None
     reason: str = ""
     region: str = "all"
-    effect_K: float | None = None
-    error_K: float | None = None
-    rms_K: float | None = None
-    seen_K: float | None = None
+    observable: Observable = "T_app"
+    effect: float | None = None
+    error: float | None = None
+    rms: float | None = None
+    seen: float | None = None
     p_value: float | None = None
     keys: tuple[KeyDifference, ...] = ()
     causes: tuple[Cause, ...] = ()
     at_least: bool = False
 
     @property
-    def interval_K(self) -> tuple[float, float] | None:
+    def interval(self) -> tuple[float, float] | None:
         """Limits of the effect with a probability of 95 %."""
-        if self.effect_K is None or self.error_K is None:
+        if self.effect is None or self.error is None:
             return None
-        half = _TWO_SIDED * self.error_K
-        return self.effect_K - half, self.effect_K + half
+        half = _TWO_SIDED * self.error
+        return self.effect - half, self.effect + half
 
     @property
     def power(self) -> bool:
@@ -54,24 +56,26 @@ class Verdict:
     @property
     def text(self) -> str:
         """Result of the test, effect and power in one sentence."""
-        if self.p_value is None or self.interval_K is None:
+        if self.p_value is None or self.interval is None:
             return self.reason
         if self.differs:
             start = f"differs in {self.region}" if self.region != "all" else "differs"
         else:
             start = "no difference is seen" if self.power else "no power"
         bound = ", with errors as far as they are known" if self.at_least else ""
-        low, high = self.interval_K
+        low, high = self.interval
+        unit = " K" if self.observable == "T_app" else ""
         where = "" if self.region == "all" else f" in {self.region}"
         seen = (
-            f"a change of all pixels is seen in 95 % of all cases from {self.seen_K:.2g} K on"
-            if self.seen_K is not None and self.seen_K < 1e3
+            f"a change of all pixels is seen in 95 % of all cases from {self.seen:.2g}{unit} on"
+            if self.seen is not None and self.seen < 1e3
             else "a change of all pixels is not seen, however large"
         )
         remark = "" if self.power else "; the stated errors are larger than all that differs"
         return (
-            f"{start} ({probability(self.p_value)}{bound}): T_app{where} {self.effect_K:+.2g} K, "
-            f"95 % between {low:+.2g} and {high:+.2g} K, RMS {self.rms_K:.2g} K; {seen}{remark}"
+            f"{start} ({probability(self.p_value)}{bound}): {self.observable}{where} "
+            f"{self.effect:+.2g}{unit}, 95 % between {low:+.2g} and {high:+.2g}{unit}, "
+            f"RMS {self.rms:.2g}{unit}; {seen}{remark}"
         )
 
     @property

@@ -48,6 +48,10 @@ class Part:
     emissivity: Floats
     degrees: float = math.inf
 
+    def of(self, observable: str) -> Floats:
+        """Change of `T_app` [K], or of the `emissivity`."""
+        return self.kelvin if observable == "T_app" else self.emissivity
+
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
@@ -158,11 +162,14 @@ def load_parts(folder: Path) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
 def common_parts(maps: Maps, kelvin: Floats, emissivity: Floats) -> tuple[Part, ...]:
     """Errors of all pixels in common, (M, H, W) of T_app and emissivity, as a few of the same sum.
 
-    They are rotated to principal components of the changes in units of the standard error. A
+    They are rotated to principal components of the changes in units of the standard errors. A
     component that is small compared with the noise of all pixels together cannot be seen in the
-    maps, and is omitted.
+    map of either, and is omitted. The amount of spray changes the emissivity most, T_app least.
     """
-    seen = np.nan_to_num(kelvin / maps.apparent_temperature_standard_error_K)
+    of_K = kelvin / maps.apparent_temperature_standard_error_K
+    seen = np.nan_to_num(
+        np.concatenate([of_K, emissivity / maps.emissivity_standard_error], axis=1)
+    )
     size, turn = np.linalg.eigh(np.einsum("ahw,bhw->ab", seen, seen))
     kept = [k for k in reversed(range(len(size))) if size[k] > 1.0]  # of one standard deviation
     return tuple(

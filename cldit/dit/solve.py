@@ -49,6 +49,7 @@ class Drift:
     scatter: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
         between successive exposures; the slow rest cancels if the kinds alternate.
     band: share of the filter in which the spray absorbs, of an amount.
+    in_reference, in_injection: False if the black body was as read with this kind.
     """
 
     cause: Cause
@@ -60,12 +61,14 @@ class Drift:
     scatter: Floats = field(default_factory=partial(np.zeros, 1))
     jitter: Floats = field(default_factory=partial(np.zeros, 1))
     band: float = 1.0
+    in_reference: bool = True
+    in_injection: bool = True
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         """Factors, (N,) or (K, N), in references and in injections."""
         if self.cause == "black body":
             g, _, s, _ = np.nan_to_num(lines.values.T)
-            return g, s
+            return self.in_reference * g, self.in_injection * s
         if self.cause == "gain":
             return signals
         if self.cause == "curvature":

@@ -61,7 +61,7 @@ class RadianceData:
         scene = model.scene
         assert scene is not None
         data, simulated, _ = together(measured, model)
-        square_K2 = data.independent_K2
+        square_K2 = data.independent_variance()
         if square_K2 is None:
             raise EvaluationError(f"{measured.name}: no error of T_app is stated")
         spread = data.maps.emissivity_standard_error.astype(float) ** 2

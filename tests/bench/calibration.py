@@ -3,9 +3,11 @@
 python -m tests.bench calibration methane-jet --seeds 100
 python -m tests.bench calibration gdi-cone --quick --seeds 30
 python -m tests.bench calibration gdi-cone --quick --alone
+python -m tests.bench calibration gdi-cone --wheel --seeds 12
 
 Each recording is compared with its run, with another recording, and with runs whose walls are 20 K
-warmer and of another order; `--alone` omits these runs. `--quick` is for 40 x 32 pixels.
+warmer and of another order; `--alone` omits these runs. `--quick` is for 40 x 32 pixels. `--wheel`
+is for campaigns of two filters of 24 x 24 pixels: equal ones, their runs, and 10 % more mass.
 """
 
 from __future__ import annotations
@@ -18,13 +20,15 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kstest
 
-from cldit.comparison import Difference, difference, open_shown
+from cldit.comparison import Difference, Shown, compare, difference, open_shown
+from cldit.comparison.rivals import in_band
 from cldit.run import simulate
-from cldit.scene import load_scene
+from cldit.scene import Scene, load_scene
 from tests.verify.recordings import recording
 
 SENSOR = {"camera.sensor.pixels": [160, 128], "camera.pixels": [128, 128]}
 TINY = {"camera.sensor.pixels": [40, 32], "camera.pixels": [40, 40]}
+SMALL = {"camera.sensor.pixels": [24, 24], "camera.pixels": [24, 24], "transport.accuracy_K": 8.0}
 LARGE_K, CLEAR = 0.3, 4.0  # of a single pixel, in kelvin and in standard errors
 
 
@@ -35,7 +39,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--quick", action="store_true", help="40 x 32 pixels")
     parser.add_argument("--alone", action="store_true", help="no runs that differ")
+    parser.add_argument("--wheel", action="store_true", help="two filters, with the extinction")
     given = parser.parse_args()
+    if given.wheel:
+        wheel(load_scene(given.scene).with_(**SMALL), given.seeds)
+        return
     sensor = {**TINY, "transport.accuracy_K": 8.0} if given.quick else SENSOR
     scene = load_scene(given.scene).with_(**{"transport.accuracy_K": 4.0, **sensor})
     with tempfile.TemporaryDirectory() as folder:
@@ -73,6 +81,46 @@ def main() -> None:
                   f"{np.sum(apart & (np.abs(each.residuals) > CLEAR))}")  # fmt: skip
             for one in recorded[:4]:
                 print(*difference(one, other).verdict.lines, sep="\n    ")
+
+
+def wheel(scene: Scene, seeds: int) -> None:
+    """Prints how many campaigns of two filters differ, and by which filter."""
+    scenes = {"fuel": scene, "droplets": in_band(scene, load_scene("gdi-extinction"))}
+    mass_kg = scene.spray.injected_mass_kg
+    with tempfile.TemporaryDirectory() as folder:
+        runs = {
+            share: {
+                name: simulate(
+                    of_filter.with_(**{"spray.injected_mass_kg": share * mass_kg}),
+                    Path(folder) / f"{name}-{share}",
+                )
+                for name, of_filter in scenes.items()
+            }
+            for share in (1.0, 1.1)
+        }
+
+        def campaigns(share: float, first: int) -> list[dict[str, Shown]]:
+            return [
+                {
+                    name: recording(run, seed=1000 * (first + k) + number)
+                    for number, (name, run) in enumerate(runs[share].items())
+                }
+                for k in range(seeds)
+            ]
+
+        one, other = campaigns(1.0, 0), campaigns(1.0, 100)
+        for title, pairs in (
+            ("equal campaigns", list(zip(one, other, strict=True))),
+            ("their runs", [(runs[1.0], campaign) for campaign in (*one, *other)]),
+            ("10 % more mass", list(zip(one, campaigns(1.1, 200), strict=True))),
+        ):
+            found = [compare(*pair, extinction=["droplets"]).results[0] for pair in pairs]
+            named = {
+                name: sum(not result.by_filter[name].within for result in found) for name in scenes
+            }
+            p = np.sort([result.p_value for result in found])
+            print(f"{title}: {sum(not result.within for result in found)} of {len(found)} differ, "
+                  f"by filter {named}; p {np.round(p, 3)}")  # fmt: skip
 
 
 def uniform(name: str, found: Sequence[Difference]) -> None:

@@ -62,9 +62,9 @@ def needed(data: Run, model: Run, cache: Path) -> str:
 def line(name: str, true: Difference, found: Sequence[Difference]) -> str:
     """Change of T_app by region without noise, and how often recordings tell it, and where."""
     kelvin = ", ".join(
-        f"{where} {region.rms_K:.2g}"
+        f"{where} {region.rms:.2g}"
         for where, region in true.regions.items()
-        if region.rms_K is not None
+        if region.rms is not None
     )
     parts = {where: sum(where in one.where for one in found) for where in true.regions}
     named = ", ".join(f"{where} {count}" for where, count in parts.items() if count)

@@ -30,7 +30,7 @@ BUDGETS: dict[str, int] = {
     "cfd": 9500,
     "cldit": 250,
     "cli": 3000,
-    "comparison": 2750,
+    "comparison": 3250,
     "dit": 7000,
     "drivers": 3750,
     "gpu": 1250,

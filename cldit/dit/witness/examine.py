@@ -192,27 +192,41 @@ def stated(
     surroundings: Surroundings,
     calibration: Calibration,
 ) -> tuple[Drift, ...]:
-    """Common errors above 0 that the user states, and that of the black body's readings."""
+    """Common errors above 0 that the user states, and those of the black body's readings.
+
+    The readings with references are others than those with injections, so that their errors do not
+    cancel where the spray is transparent.
+    """
     scale = calibration.counts_per_radiance * boundary.front.transmission
-    groups = [sums[k, "injection"] for k in setpoints]
-    backgrounds_K = np.array([group.temperature_K for group in groups])
-    readings_K2 = np.array([group.temperature_variance_K2 for group in groups])
+    groups = {kind: [sums[k, kind] for k in setpoints] for kind in KINDS}
+    backgrounds_K = np.array([group.temperature_K for group in groups["injection"]])
     rise = per_kelvin(boundary.leaving, backgrounds_K)
     none = np.zeros(len(setpoints))
     offset2 = (surroundings.camera_offset_error_counts / scale) ** 2
     variances: dict[Cause, Floats] = {
-        "black body": rise**2 * (surroundings.background_error_K**2 + readings_K2),
+        "black body": (rise * surroundings.background_error_K) ** 2,
         "offset": none + offset2,
         "gain": none + surroundings.camera_gain_error**2,
     }
-    return tuple(
-        Drift(cause=cause, variance=variance)
-        for cause, variance in variances.items()
-        if variance.any()
-    )
+    drifts = [Drift(cause=cause, variance=variance) for cause, variance in variances.items()]
+    for kind, of_kind in groups.items():
+        readings_K2 = np.array([group.temperature_variance_K2 for group in of_kind])
+        drifts.append(
+            Drift(
+                cause="black body",
+                variance=rise**2 * readings_K2,
+                in_reference=kind == "reference",
+                in_injection=kind == "injection",
+            )
+        )
+    return tuple(error for error in drifts if error.variance.any())
 
 
 def _stated_K2(drifts: Sequence[Drift], evidence: Evidence) -> Floats:
     """Variance (K,) of the references due to stated errors, as kelvin^2 of the black body."""
-    squares = (e.variance * unit(evidence, e.cause) ** 2 / evidence.rise**2 for e in drifts)
+    squares = (
+        error.variance * unit(evidence, error.cause) ** 2 / evidence.rise**2
+        for error in drifts
+        if error.in_reference
+    )
     return sum(squares, np.zeros(len(evidence.setpoints)))

@@ -28,23 +28,25 @@ _RESIDUAL = 4.0  # standard errors at the ends of the colours
 def comparison_figure(difference: Difference) -> Drawing:
     """T_app of both, their difference, and the residuals in standard errors."""
     base, changed = difference.seen
-    warm = [result.maps.apparent_temperature_K for result in difference.seen]
+    of_t_app = difference.observable == "T_app"
+    name, label = ("apparent_temperature_K", "T_app / K") if of_t_app else 2 * ("emissivity",)
+    warm = [getattr(result.maps, name) for result in difference.seen]
     visible = np.isfinite(difference.residuals)
-    warm_K = np.concatenate([image[visible] for image in warm])
-    limits = robust_limits(warm_K) if warm_K.size else None
-    change = np.where(visible, difference.change_K, np.nan)
-    top_K = float(np.percentile(np.abs(change[visible]), 99)) if warm_K.size else 1.0
+    values = np.concatenate([image[visible] for image in warm])
+    limits = robust_limits(values) if values.size else None
+    change = np.where(visible, difference.change, np.nan)
+    top = float(np.percentile(np.abs(change[visible]), 99)) if values.size else 1.0
     frame = Frame(pixel_m=base.pixel_m, centre_m=base.centre_m)
     panels = [
-        Panel(image, name, "T_app / K", limits=limits, colours=TEMPERATURE)
+        Panel(image, name, label, limits=limits, colours=TEMPERATURE)
         for image, name in zip(warm, _ends_apart(base.name, changed.name), strict=True)
     ]
     panels += [
         Panel(
             change,
             "difference",
-            "change of T_app / K",
-            limits=(-top_K, top_K),
+            f"change of {label}",
+            limits=(-top, top),
             colours=CHANGE,
         ),
         Panel(
@@ -137,12 +139,13 @@ def write_comparison(comparison: Comparison, folder: Path, *, suffix: str = ".pn
         content.append(
             Section(f"{difference.other} minus {difference.one}", _sections(difference, images))
         )
+    content = [*comparison.verdict.splitlines(), *content]
     return [*written, write_page(Page("Comparison", content), folder / PAGE)]
 
 
 _ABOUT = {
-    "difference": "Apparent temperature of both, their difference, and the difference in standard "
-    "errors, less the errors of all pixels that fit best.",
+    "difference": "Apparent temperature or emissivity of both, their difference, and the "
+    "difference in standard errors, less the errors of all pixels that fit best.",
     "profiles": "Profiles along the spray's axis and across it, with bands of one standard error "
     "that the two do not share, and their changes where the spray is visible in both.",
 }

@@ -17,6 +17,7 @@ from cldit.acquisition.export import export
 from cldit.acquisition.plan import Group
 from cldit.api.folder_evaluation import evaluate_folder, evaluate_groups
 from cldit.cli import main
+from cldit.comparison import compare
 from cldit.comparison.shown import open_shown
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, EvaluationError, RunFolderError, SceneError
@@ -133,7 +134,7 @@ def test_each_filter_is_recorded_and_evaluated_apart(wheel: Mission) -> None:
     assert opened.of_group(Group(filter=1)).filter_um == (3.8, 4.0)
     with pytest.raises(RunFolderError, match=r"2 filters \(fuel, droplets\)"):
         _ = opened.calibration
-    with pytest.raises(RunFolderError, match=r"contains 2 filter\(s\) at 1 delay\(s\); allowed: "):
+    with pytest.raises(RunFolderError, match="filter none; allowed: one of fuel, droplets"):
         open_shown(wheel.folder)
     with pytest.raises(EvaluationError, match=r"group None; allowed: .*: fuel; .*: droplets; "):
         evaluate_folder(wheel.folder)
@@ -147,6 +148,11 @@ def test_each_filter_is_recorded_and_evaluated_apart(wheel: Mission) -> None:
         error_K = maps.apparent_temperature_standard_error_K[5:7, 7:9]
         assert np.all(np.abs(apparent_K - 370.0) < 5.0 * error_K)
     assert {place.name for place in (wheel.folder / "maps").iterdir()} == set(FILTERS)
+    (result,) = compare(wheel.folder, wheel.folder, extinction=["droplets"]).results
+    assert list(result.by_filter) == list(FILTERS)
+    assert result.text.endswith("by 2 filters") and all(p.same for p in result.by_filter.values())
+    only = compare({"fuel": wheel.folder}, {"fuel": wheel.folder}).differences
+    assert [pair.one for pair in only] == [f"{wheel.folder}, fuel"]
 
 
 @pytest.mark.slow

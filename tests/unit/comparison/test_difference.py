@@ -108,8 +108,8 @@ def test_regions_name_where_a_difference_is() -> None:
     found = difference(one, shown(warmer, error_K=0.0, **given))
     assert found.where == ("root",) and not found.within
     root = found.regions["root"]
-    assert root.pixels == 7 * 40 and root.mean_K == pytest.approx(1.0, abs=0.2)
-    assert root.mean_error_K == pytest.approx(280**-0.5, rel=0.1)
+    assert root.pixels == 7 * 40 and root.mean == pytest.approx(1.0, abs=0.2)
+    assert root.mean_error == pytest.approx(280**-0.5, rel=0.1)
     inside = [one.pixels for name, one in found.regions.items() if name != "all"]
     assert sum(inside) == found.regions["all"].pixels == 1600
 
@@ -123,7 +123,7 @@ def test_an_error_of_all_pixels_explains_what_they_share() -> None:
     assert not difference(one, other).within
     found = difference(one, replace(other, systematic=(part,)))
     assert found.within and found.modes[0].size == pytest.approx(-2.0, abs=0.1)
-    assert found.regions["all"].mean_error_K == pytest.approx(1.0, abs=0.01)
+    assert found.regions["all"].mean_error == pytest.approx(1.0, abs=0.01)
     both = difference(replace(one, systematic=(part,)), replace(other, systematic=(part,)))
     assert not both.within  # the same black body: it cancels
     far = difference(one, replace(shown(image + 5.0, error_K=0.0), systematic=(part,)))
@@ -338,7 +338,7 @@ def test_half_of_an_error_of_unknown_image_is_common() -> None:
     (part,) = counted.common
     assert part.name == "cells" and part.kelvin == pytest.approx(3.0 * 0.5**0.5)
     assert counted.error_map_K == pytest.approx(np.hypot(3.0, 0.5))
-    assert counted.independent_K2 == pytest.approx(4.5 + 0.25)
+    assert counted.independent_variance() == pytest.approx(4.5 + 0.25)
 
 
 def test_what_the_code_changed_is_not_shared() -> None:
@@ -449,9 +449,9 @@ def test_errors_that_hide_all_leave_no_power() -> None:
     verdict = difference(one, shown(400.0 + 0.0 * noise(6), error_K=0.0)).verdict
     assert not verdict.differs and not verdict.power
     assert verdict.text.startswith("no power (p > 0.99): T_app ")
-    assert "p = 1" not in verdict.text and verdict.seen_K is not None
+    assert "p = 1" not in verdict.text and verdict.seen is not None
     # 1600 pixels of 3 K in 4 parts: 5.8 to 6.6 errors of the mean, by the F test's directions.
-    assert verdict.seen_K == pytest.approx(6.2 * 3.0 / 40.0, rel=0.15)
+    assert verdict.seen == pytest.approx(6.2 * 3.0 / 40.0, rel=0.15)
 
 
 def test_a_copied_recording_knows_its_run(tmp_path: Path) -> None:

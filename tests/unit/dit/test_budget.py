@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cldit.dit.fit import Pair
 from cldit.dit.recorded import evaluate_shots
+from cldit.dit.witness.examine import stated as stated_drifts
 from cldit.io.images import read_image
 from cldit.radiance.boundary import Surroundings, Uncertainty
 from tests.laboratory import AROUND, FILTER_UM, laboratory
@@ -99,3 +103,32 @@ def test_a_front_window_drops_out_and_the_total_is_the_root_of_squares(tmp_path:
     names = [line.split(":")[0].strip() for line in budget.lines[1:]]
     assert names[0].startswith("statistical") and names[-1] == "total"
     assert list(budget.to_dict()) == names
+
+
+def test_readings_of_either_kind_have_errors_of_their_own() -> None:
+    """A shared error cancels in front of a transparent spray; two readings do not.
+
+    Variances of 0.01 and 0.04 K^2 at 2 radiances per kelvin, with lines of slopes 1 and 0.9.
+    """
+    variances_K2: dict[str, float] = {"reference": 0.01, "injection": 0.04}
+    groups: dict[Any, Any] = {
+        (kelvin, kind): SimpleNamespace(temperature_K=kelvin, temperature_variance_K2=variance)
+        for kelvin in (400.0, 500.0)
+        for kind, variance in variances_K2.items()
+    }
+    camera: Any = SimpleNamespace(counts_per_radiance=1.0)
+    front = SimpleNamespace(transmission=1.0)
+    boundary: Any = SimpleNamespace(leaving=lambda kelvin: 2.0 * np.asarray(kelvin), front=front)
+    around = replace(
+        AROUND, background_error_K=0.0, camera_offset_error_counts=0.0, camera_gain_error=0.0
+    )
+    drifts = stated_drifts(
+        groups, [400.0, 500.0], boundary=boundary, surroundings=around, calibration=camera
+    )
+    lines = Pair(np.array([[1.0, 0.0, 0.9, 10.0]]), np.zeros((1, 4, 4)), np.zeros(1))
+    nothing = np.zeros((2, 1)), np.zeros((2, 1))
+    changes = [
+        [float(error.variance[0] ** 0.5 * part[0]) for part in error.factors(lines, nothing)]
+        for error in drifts
+    ]
+    assert changes == [pytest.approx([0.2, 0.0]), pytest.approx([0.0, 0.36])]
