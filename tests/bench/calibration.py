@@ -86,7 +86,7 @@ def main() -> None:
 def wheel(scene: Scene, seeds: int) -> None:
     """Prints how many campaigns of two filters differ, and by which filter."""
     scenes = {"fuel": scene, "droplets": in_band(scene, load_scene("gdi-extinction"))}
-    mass_kg = scene.spray.injected_mass_kg
+    mass_kg = scene.model_dump()["spray"]["injected_mass_kg"]
     with tempfile.TemporaryDirectory() as folder:
         runs = {
             share: {

@@ -40,7 +40,7 @@ def campaign(rng: np.random.Generator | None, *, thicker: float = 0.0) -> dict[s
         error = np.hypot(0.01, size) + np.zeros(SHAPE)
         part = Part(name="common error 1", kelvin=np.zeros(SHAPE), emissivity=size + 0.0 * kelvin)
         values = (emissivity, kelvin, error, np.full(SHAPE, 0.5), 0.0, kelvin, kelvin, kelvin)
-        images = [np.full(SHAPE, value, np.float32) for value in values]
+        images: list[Any] = [np.full(SHAPE, value, np.float32) for value in values]
         images[4] = images[4].astype(np.uint8)
         maps = Maps(*images)
         results[name] = Shown(
