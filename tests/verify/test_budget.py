@@ -112,27 +112,22 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
-    """Pixels of 2 mm err by 6.1 K in gdi: cells for the 0.5 K that are asked for are in vain.
-
-    The rest may have a tenth of the square of that: 0.32 of it. Pilots on coarse cells told 0.8 to
-    1.2 of what pixels err by, and cells come out at 0.5 to 1.3 of what they may: 0.12 to 0.5 of
-    the pixels' error (0.23 was found). By the 0.5 K alone cells may err by half of their share,
-    0.2 K, which is 0.03 of it.
-    """
+def test_what_no_plan_makes_smaller_is_named() -> None:
+    """One ray for a pixel of 2 mm errs by 6.9 K in gdi-cone, where 0.5 K are asked for; all other
+    errors together are below a tenth of that, and the remark names the rays."""
     data: dict[str, Any] = cldit.load_scene("gdi-cone").model_dump(mode="json")
     data["camera"].update(pixels=[50, 50], rays_per_pixel=1)
     data["camera"].update(WHOLE)
     data["optics"]["compare_paper"] = False
     data["transport"]["accuracy_K"] = 0.5
     run = cldit.simulate(cldit.Scene.from_dict(data))
-    found = by_name(run.errors)
-    pixels, cells = found["pixel sampling"], found["cells"]
+    estimates = by_name(run.errors)
+    pixels, cells = estimates["pixel sampling"], estimates["cells"]
     assert pixels is not None and cells is not None and pixels > 2.0
-    assert 0.12 < cells / pixels < 0.5
+    assert cells < 0.5
     assert run.errors is not None and run.errors.total_K is not None
-    assert run.errors.total_K < (1 + 0.5**2) ** 0.5 * pixels
-    (remark,) = (text for text in run.info.remarks if text.startswith("expected error"))
+    assert run.errors.total_K < (1 + 0.1**2) ** 0.5 * pixels
+    (remark,) = (text for text in run.info.remarks if text.startswith("stated error"))
     assert (
         "pixel sampling contributes" in remark and "more than transport.accuracy_K: 0.5" in remark
     )
