@@ -21,7 +21,7 @@ from cldit.scene.spray import CfdSpray
 from tests.bench.scene_reference import reference
 
 COMMANDS = 14
-OPTIONS = 96
+OPTIONS = 97
 KEYS = 252
 WORDS = 40000
 _DOCS = Path(__file__).parents[3] / "docs"

@@ -466,10 +466,8 @@ def test_a_copied_recording_knows_its_run(tmp_path: Path) -> None:
     assert found.unshared_K == inside.unshared_K and found.p_value == inside.p_value
 
 
-def test_a_page_has_both_and_the_regions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
-    # Each figure is drawn once, for its file.
-    monkeypatch.setattr("cldit.show.report.comparison_page.png_of", lambda figure: b"\x89PNG")
     warm = 400.0 + noise(5)
     one, other = shown(0 * warm + 400.0, error_K=1.0), shown(warm, name="b", error_K=0.0)
     found = compare(one, other, other)
