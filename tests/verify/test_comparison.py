@@ -27,9 +27,9 @@ def gdi(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def fine(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The same at 2 K; the cells' error of 2.6 K at 4 K explains 10 K in the fuel."""
+    """The same at 1 K: the error of cells for 2 K explains 10 K in the fuel."""
     pixels = {"camera.sensor.pixels": [100, 100], "camera.pixels": [100, 100], **WHOLE_KEYS}
-    scene = load_scene("gdi-cone").with_(**pixels, **{"transport.accuracy_K": 2.0})
+    scene = load_scene("gdi-cone").with_(**pixels, **{"transport.accuracy_K": 1.0})
     return simulate(scene, tmp_path_factory.mktemp("fine"), device=device)
 
 
