@@ -39,7 +39,7 @@ SIMULATED = {
 
 
 def simulated(driver: str, rig: dict[str, Any]) -> Make:
-    """What is simulated has no replies, and is unplugged by a setting."""
+    """Bed of a simulated device, which has no replies, and is unplugged by a setting."""
     part = SIMULATED[driver]
 
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:

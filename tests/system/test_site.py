@@ -22,7 +22,7 @@ _DOCS = Path(__file__).parents[2] / "docs"
 
 
 class _Links(HTMLParser):
-    """What a page loads, and the places in it."""
+    """Addresses that a page loads, and the anchors in it."""
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What keeps a plan from running, or ends it; a dry run refuses it in the same words."""
+"""Reasons to refuse or end a plan; a dry run refuses it in the same words."""
 
 from __future__ import annotations
 

@@ -150,7 +150,7 @@ def test_an_evaluation_is_drawn_compared_and_stored(tmp_path: Path) -> None:
 
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What a kernel would show, one after the other."""
+    """The outputs of a kernel, in their order."""
     found: list[str] = []
     package: Any = ModuleType("IPython")
     package.get_ipython = lambda: SimpleNamespace(kernel=object())

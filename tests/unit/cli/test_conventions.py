@@ -1,4 +1,4 @@
-"""What scripts and shells rely on: `--json`, units, exit status, completion, width, colour."""
+"""Interfaces of scripts and shells: `--json`, units, exit status, completion, width, colour."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is printed: in any locale, where nothing can be written, and the result of a run."""
+"""Printed output: in any locale, where nothing can be written, and the result of a run."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ def test_a_record_that_is_not_understood_is_left_alone(texts: tuple[bytes, ...])
 
 
 def test_only_pocl_of_an_unknown_processor_is_touched() -> None:
-    """One that it has no name for; and Zen 4, which it takes for Zen 3, by its AVX-512."""
+    """A processor without a name in PoCL, and Zen 4, taken for Zen 3, by its AVX-512."""
 
     def name(platform: str, version: str, flags: frozenset[str] = HASWELL) -> bytes | None:
         device = SimpleNamespace(version=version)

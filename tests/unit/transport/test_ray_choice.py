@@ -137,7 +137,7 @@ def test_unbiased_and_knows_its_error(importance: np.ndarray) -> None:
 
 
 def test_chances_are_kept(importance: np.ndarray) -> None:
-    """How often each pixel is drawn; binomial, five standard deviations of the worst of 2000."""
+    """Frequency with which a pixel is drawn: binomial, five deviations of the worst of 2000."""
     often = np.zeros(3000)
     chance = np.zeros(3000)
     for seed in range(MANY):

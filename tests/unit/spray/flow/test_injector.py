@@ -1,4 +1,4 @@
-"""What leaves the injector, and the grid of rays that is chosen for it."""
+"""Droplets at the injector, and the grid of rays that is chosen for it."""
 
 from __future__ import annotations
 
