@@ -226,6 +226,7 @@ def solve(
 
 
 def _common_errors(maps: Maps, lines: Pair, curve: Curve) -> Floats:
+    """Changes (2, M, ...) of T_app and of emissivity by each common error; NaN where the map is."""
     shape = maps.reason.shape
     if lines.shared is None:
         return np.zeros((2, 0, *shape))
@@ -234,6 +235,7 @@ def _common_errors(maps: Maps, lines: Pair, curve: Curve) -> Floats:
         slope = curve.temperature_slope(np.where(maps.reason.ravel() == 0, radiance, np.nan))
         of_radiance = np.einsum("mni,ni->mn", lines.shared, radiance_gradient(lines))
         of_emissivity = np.einsum("mni,ni->mn", lines.shared, emissivity_gradient(lines))
+    of_emissivity[:, np.isnan(maps.emissivity.ravel())] = np.nan  # it may be beyond any bound
     return np.stack([of_radiance * slope, of_emissivity]).reshape(2, -1, *shape)
 
 

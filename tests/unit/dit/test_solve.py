@@ -12,9 +12,9 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.agreement import agreeing
 from cldit.dit.drift_axis import BREAK_s, Place, Places, drift_axis
-from cldit.dit.maps import Maps
+from cldit.dit.maps import Maps, Reason
 from cldit.dit.shots import Sums
-from cldit.dit.solve import Signals, solve
+from cldit.dit.solve import Drift, Signals, solve
 from tests.verify.evaluation_bias import Shot
 
 SOURCE = np.array([1.0, 2.0, 4.0])
@@ -72,6 +72,31 @@ def test_errors_are_widened_until_they_agree_with_the_residuals() -> None:
     np.testing.assert_allclose(widened.apparent_temperature_standard_error_K, 2.0, rtol=1e-6)
     np.testing.assert_allclose(widened.reduced_chi2, 1.0, rtol=1e-6)
     np.testing.assert_allclose(widened.fit_probability, chi2.sf(4.0, 4), rtol=1e-5)
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-60, 1e-200])
+def test_a_pixel_that_does_not_see_the_disc_has_no_common_errors(slope: float) -> None:
+    """As one of a defective sensor: its emissivity 1 - s / g and all its changes mean nothing."""
+    slopes = np.array([1.0, slope])
+
+    def signals(transmission: float, start: float) -> Signals:
+        return Signals(
+            source=SOURCE,
+            mean=(SOURCE[:, None] * transmission * slopes + start)[:, None],
+            camera=lambda seen: np.full_like(seen, VARIANCE),
+            exposures=np.full(3, 5.0),
+        )
+
+    maps, changes = solve(
+        signals(1.0, 0.0),
+        signals(0.4, 0.5),
+        usable=np.ones((3, 1, 2), bool),
+        curve=Curve(filter_um=(3.3, 3.5)),
+        drifts=[Drift(cause="offset", variance=np.full(3, VARIANCE))],
+    )
+    assert maps.reason[0].tolist() == [Reason.OK, Reason.BACKGROUND_NOT_VISIBLE]
+    assert changes.shape == (2, 3, 1, 2)
+    assert np.isfinite(changes[..., 0]).all() and np.isnan(changes[..., 1]).all()
 
 
 SHAPE = (12, 16)
