@@ -356,7 +356,7 @@ def _solved(shots: _Shots, checked: _Checked) -> tuple[Maps, tuple[Part, ...], t
         )
         part.reason[part.reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
         parts.append(part)
-        shared.append(changes)
+        shared.append(np.where(shots.bad[rows], np.nan, changes))
     maps = stack(parts)
     degrees = tuple(
         group.spare(steady=steady, common_removed=common_removed) for group in injections

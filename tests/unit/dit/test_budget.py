@@ -132,3 +132,15 @@ def test_readings_of_either_kind_have_errors_of_their_own() -> None:
         for error in drifts
     ]
     assert changes == [pytest.approx([0.2, 0.0]), pytest.approx([0.0, 0.36])]
+
+
+def test_a_defective_pixel_has_no_errors() -> None:
+    """Neither those that it shares with all pixels, which its values do not tell."""
+    made = laboratory(7, drifts=None)
+    made.recorded.bad_pixels = np.zeros(made.emissivity.shape, bool)
+    made.recorded.bad_pixels[5, 7] = True
+    budget = evaluate_shots(made.recorded).budget
+    assert budget is not None and budget.parts and budget.common
+    for part in (*budget.parts, *budget.common):
+        assert np.isnan(part.kelvin[5, 7]) and np.isnan(part.emissivity[5, 7])
+        assert np.isfinite(part.emissivity[5, 8])
