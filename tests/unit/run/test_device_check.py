@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -153,13 +155,25 @@ def test_a_fault_is_named(name: str, device: Device, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 def test_inexact_mathematics_are_named(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Terms of a difference that cancel, in another order: found at the tolerance of the double
-    precision, which neither contracted nor unoptimised kernels miss."""
+    """Parallel rays divide by zero."""
     options = (*compilation.OPTIONS, "-cl-fast-relaxed-math")
     monkeypatch.setattr(compilation, "OPTIONS", options)
     monkeypatch.setattr(device.opened, "programs", {})
-    [fault] = check_device(device, only=["float64 source, order 2"]).faults
+    [fault] = check_device(device, only=["float32 source, parallel rays"]).faults
     assert re.search(r"source_update\.cl \w+: \w+ is off by [\d.e+-]+; allowed", fault)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_a_rounding_in_each_cell_is_no_fault(kind: type[np.floating]) -> None:
+    """Radiances less 1 may be rounding errors alone, which differ between processors."""
+    rounding = np.finfo(kind).eps
+    known = {"source_update.cl cavity_defect out 1": [(0.0, 9 * float(rounding))]}
+    for size, names in ((0.5, False), (2.0, True)):
+        launches = device_check.Launches(5e-6, known)
+        with pytest.raises(Exception, match="is off by") if names else nullcontext():
+            launches.add(
+                "source_update.cl cavity_defect", "out", np.full((1, 9), size * rounding, kind)
+            )
 
 
 def cut(source: str, rounds: int) -> str:
