@@ -43,11 +43,11 @@ def simulated(driver: str, rig: dict[str, Any]) -> Make:
     part = SIMULATED[driver]
 
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
-        if part == "filter_wheel" and part not in rig:
+        if part == "filter_wheel":
             run = rig["bench"]["settings"]["run"]
             rig["bench"]["settings"]["filters"] = {"first": [run], "second": [run]}
-            rig[part] = {"driver": driver, "settings": {}}
-        rig[part]["settings"] |= settings
+        choice = rig.setdefault(part, {"driver": driver, "settings": {}})
+        choice["settings"] |= settings
         opened = open_rig(rig)
         device: Any = opened.devices[part]
         steps = {

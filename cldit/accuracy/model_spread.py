@@ -90,7 +90,7 @@ def phase_spread(tracer: VariantTracer, cell_m: float) -> Cause:
     scene, prepared = tracer.scene, tracer.prepared
     current = scene_phase(scene, prepared.spray, scene.optics.preset)
     prescribed = has_coefficients(prepared.spray)
-    if current.mie or (prescribed and current.asymmetry):
+    if current.mie or (prescribed and not current.isotropic):
         alternative: Literal["isotropic", "mie"] = "isotropic"
     elif prescribed:
         return Cause(_PHASE, None, "not known: the droplets are coefficients without diameters")

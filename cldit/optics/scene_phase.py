@@ -1,6 +1,6 @@
 """The phase function of a scene's droplets, decided once for transport and wavelengths.
 
-A new phase function is a type of `cldit.scene.transport.Phase` and a branch of `named_phase`.
+A new phase function is a name of `cldit.scene.transport.PhaseName` and a branch of `named_phase`.
 """
 
 from collections.abc import Callable
@@ -37,6 +37,11 @@ class ScenePhase:
     def mie(self) -> bool:
         """True if the phase function follows from the sizes of the droplets."""
         return self.asymmetry is None
+
+    @property
+    def isotropic(self) -> bool:
+        """True if light is scattered into all directions alike."""
+        return self.cumulative is None and not self.mie
 
 
 def named_phase(phase: Phase) -> ScenePhase:

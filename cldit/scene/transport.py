@@ -1,6 +1,6 @@
 """Settings of the radiative transfer: method, accuracy and phase function."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
@@ -15,18 +15,19 @@ def _asymmetry(value: object) -> object:
 
 def _kind(value: object) -> str | None:
     """Tag of the type in `Phase` that checks a value; None: the value is no phase function."""
-    if value in ("isotropic", "mie"):
+    if value in _NAMES:
         return "[name]"
     return "[number]" if isinstance(value, (int, float)) and value is not True else None
 
 
+PhaseName = Literal["isotropic", "mie"]
+_NAMES = get_args(PhaseName)
 Phase = Annotated[
-    Annotated[Literal["isotropic", "mie"], Tag("[name]")]
-    | Annotated[float, Within(-0.999, 0.999), Tag("[number]")],
+    Annotated[PhaseName, Tag("[name]")] | Annotated[float, Within(-0.999, 0.999), Tag("[number]")],
     Discriminator(
         _kind,
         custom_error_type="not_allowed",
-        custom_error_message="allowed: isotropic, mie, or the g of Henyey and Greenstein",
+        custom_error_message=f"allowed: {', '.join(_NAMES)}, or the g of Henyey and Greenstein",
     ),
     BeforeValidator(_asymmetry),
 ]

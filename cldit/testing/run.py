@@ -68,8 +68,9 @@ OF_KIND: dict[str, list[Check]] = {
 """Checks of a device of each kind, in order; the first one connects it."""
 OF_BED: dict[str, list[Check]] = {"filter_wheel": FAULTS, "trigger": PULSES}
 """Checks of a whole bed, for kinds whose emulator shows or does more than the device."""
-HARMLESS = {"filter_wheel"}
-"""Kinds that are harmless in every state, of which nothing is left on."""
+HARMLESS: dict[str, Callable[..., int]] = {"filter_wheel": check_spoiled}
+"""Kinds that are harmless in every state, of which nothing is left on, each with the check of its
+spoiled answers."""
 
 
 class Verdict(StrEnum):
@@ -199,7 +200,7 @@ def trials(
         work["a reply lost while it connects"] = connect
     work["sessions closed while idle"] = sessions(lost_replies.check_idle)
     if kind in HARMLESS:
-        work["spoiled answers"] = sessions(check_spoiled)
+        work["spoiled answers"] = sessions(HARMLESS[kind])
     else:
         work["readings that cannot be"] = sessions(check_implausible, at_once=at_once)
         work["dead after its session"] = partial(lost_replies.check_dead, make, settings)
