@@ -19,7 +19,7 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, PointSource, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.mie_phase import SizeBins
-from cldit.transport.phase import ScatteringTable
+from cldit.transport.phase import ScatteringTable, SizeClasses
 from cldit.transport.size_classes import in_size_classes
 from cldit.transport.trace import Trace, settings_for, trace
 
@@ -58,11 +58,21 @@ def scene(**transport: object) -> Scene:
     )
 
 
+def places() -> Floats:
+    """Middles (N, 3) of the cells of the box."""
+    along = (np.arange(CELLS // 2) + 0.5) * EDGE / CELLS - HALF
+    return np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def tree_of(points: PointSource) -> Octree:
+    edge_m = 1.01 * EDGE / CELLS
+    frame = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=edge_m)
+    return build_octree(frame, points, [], optical_depth_split=1.0)
+
+
 def medium(denser: float = 1.0) -> tuple[Octree, ScatteringTable]:
     """A parcel in the middle of each cell of the box, and the phase functions of both sizes."""
-    cell = EDGE / CELLS
-    along = (np.arange(CELLS // 2) + 0.5) * cell - HALF
-    place = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+    cell, place = EDGE / CELLS, places()
     side = (place[:, 0] > 0).astype(int)
     extinction = denser * BETA[side] * cell**3
     scattering = ALBEDO[side] * extinction
@@ -87,8 +97,7 @@ def medium(denser: float = 1.0) -> tuple[Octree, ScatteringTable]:
         none,
         class_scattering_m2=(np.where(number == 1, scattering, 0.0),),
     )
-    frame = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=1.01 * cell)
-    return build_octree(frame, points, [], optical_depth_split=1.0), phase
+    return tree_of(points), phase
 
 
 def traced(
@@ -191,6 +200,28 @@ def test_path_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> No
     assert np.abs(apart).max() < 4 and np.mean(apart**2) < 2.7
     one = by_path(one_phase=True)
     assert np.abs((_weights(one) - truth[0]) / error).max() > 10
+
+
+def test_light_that_goes_straight_on_is_not_scattered(device: Device) -> None:
+    """Behind droplets that scatter isotropically are others that scatter within 0.8 degrees: paths
+    by both classes see what they see without the latter, within four standard errors."""
+    isotropic = ScatteringTable.of(lambda cosine: 1 - cosine)
+    forward = ScatteringTable.of(lambda cosine: np.minimum((1 - cosine) / 1e-4, 1.0))
+    phase = replace(isotropic, classes=SizeClasses(np.array([1e-5]), (isotropic, forward), 0.0))
+    asked = scene(method="path", accuracy_K=1e-3, max_samples=1024)
+    place = places()
+    behind = place[:, 1] > 0
+    results = []
+    for denser in (0.0, 1.0):
+        scattering = np.where(behind, denser, 1.0) * BETA[0] * (EDGE / CELLS) ** 3
+        none = np.zeros(len(place))
+        straight = np.where(behind, scattering, 0.0)
+        points = PointSource(place, none, scattering, none, class_scattering_m2=(straight,))
+        results.append(trace(tree_of(points), asked, device, settings_for(asked, phase)))
+    without, both = (_weights(result).mean(axis=1) for result in results)
+    error = np.hypot(*(_noise(result)[:, 0] for result in results)) / PIXELS**0.5
+    assert np.all(np.abs(both - without) < 4 * error)
+    assert np.all(4 * error < 0.1 * without)
 
 
 @pytest.mark.slow
