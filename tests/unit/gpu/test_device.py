@@ -16,7 +16,7 @@ import pytest
 from cldit.errors import DeviceError, KernelError
 from cldit.gpu import kernel_source
 from cldit.gpu.buffers import check_size, download, unset, upload, zeros
-from cldit.gpu.device import Device, DeviceInfo, choose, list_devices, open_device
+from cldit.gpu.device import Device, DeviceInfo, choose, list_devices, open_device, shares
 from cldit.gpu.pocl import instruction_sets, like_processor, mistaken_for, name_processor
 from cldit.gpu.program import Program, build
 
@@ -87,6 +87,17 @@ def test_poison_shows_in_fresh_buffers_alone(device: Device) -> None:
             found = download(one, unset(one, "fresh", 3, whole), np.zeros(3, whole))
             assert np.all(found == np.iinfo(whole).max)
     assert not device.poison
+
+
+def test_devices_share_all_rows_by_their_compute_units(device: Device) -> None:
+    first, *others = (
+        replace(device, info=replace(device.info, compute_units=units)) for units in (1, 3, 4)
+    )
+    together = replace(first, others=tuple(others))
+    for count in (0, 1, 7, 800):
+        rows = [row for _, member in shares(together, count) for row in member]
+        assert rows == list(range(count))
+    assert [len(member) for _, member in shares(together, 800)] == [100, 300, 400]
 
 
 HASWELL = frozenset("sse2 avx2 fma bmi1 bmi2 f16c movbe avx popcnt pclmulqdq sse4_2".split())

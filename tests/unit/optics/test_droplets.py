@@ -11,7 +11,9 @@ import pytest
 
 from cldit.errors import DropletError
 from cldit.optics import droplets, mie
+from cldit.optics.band import BandOptics, Droplets, emitters
 from cldit.optics.droplets import DropletTable, droplet_table, table_error
+from cldit.spray.result import Parcels, Spray
 from tests.unit.optics.table_errors import check_table
 
 PAPER = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
@@ -50,6 +52,23 @@ def test_error_between_the_knots(n: float, k: float, within: float) -> None:
     assert c_sca / area == pytest.approx(q_sca, rel=within)
     assert c_abs / area == pytest.approx(q_ext - q_sca, rel=within)
     assert table.efficiencies(d)[2] == pytest.approx(g, abs=within)
+
+
+def test_droplets_emit_what_they_absorb(paper: DropletTable) -> None:
+    """Kirchhoff's law, by miepython's absorption: times the radiance of each droplet's own
+    temperature."""
+    d, kelvin = _diameters(5), np.linspace(300.0, 400.0, 5)
+    count = np.arange(1.0, 6.0)
+    parcels = Parcels(np.zeros((5, 3)), d, count, kelvin, np.full(5, 600.0))
+    liquid = Droplets(np.zeros(1), (paper,))
+    band = BandOptics(radiance=np.square, vapour_m2_mol=np.zeros_like, droplets=liquid)
+    points, _ = emitters(Spray(parcels=parcels), band)
+    assert points is not None
+    q_ext, q_sca, _ = _exact(paper, d)
+    area = np.pi / 4 * d**2 * count
+    assert points.absorption_m2 == pytest.approx(area * (q_ext - q_sca), rel=2e-5)
+    assert points.emission_m2 == pytest.approx(area * (q_ext - q_sca) * kelvin**2, rel=2e-5)
+    assert points.scattering_m2 == pytest.approx(area * q_sca, rel=2e-5)
 
 
 @pytest.fixture(scope="module")
