@@ -12,7 +12,9 @@ import yaml
 from click.testing import CliRunner, Result
 
 from cldit.cli import main
+from cldit.cli.check_driver import _show
 from cldit.testing import lost_replies
+from cldit.testing import run as testing
 from cldit.testing.backgrounds import limits
 from cldit.testing.bed import opened
 from cldit.testing.expect import EVERYTHING, Allowed, ContractBroken
@@ -193,3 +195,12 @@ def test_warmest_is_what_is_allowed() -> None:
         results = list(on_instrument(bed.device, "background", Allowed(310.0, False), pause_s=0.0))
         assert [result.verdict for result in results] == [Verdict.PASSED] * 4
         assert bed.left_on() == "set point 310.0 K"
+
+
+def test_checks_that_are_all_skipped_are_no_success() -> None:
+    skipped, passed = (
+        testing.Result("instrument", "identity", verdict, "", 0.0)
+        for verdict in (Verdict.SKIPPED, Verdict.PASSED)
+    )
+    assert not _show([skipped])
+    assert _show([skipped, passed])

@@ -270,6 +270,18 @@ def test_roi_is_that_part_of_the_sensor(tiny_rig: dict[str, Any]) -> None:
         assert settings.roi == Roi(4, 3, 8, 6) and shoot(rig, Burst()).shape == (6, 8)
 
 
+def test_bad_pixels_are_counted_from_the_region_of_interest(tiny_rig: dict[str, Any]) -> None:
+    with open_rig(tiny_rig) as rig:
+        rig.connect()
+        rig.camera.configure(25e-6)
+        bad = np.array(rig.camera.read_configuration()["bad_pixels"])
+        row, column = bad.min(axis=0)
+        assert row + column > 0
+        rig.camera.configure(25e-6, Roi(int(column), int(row), int(16 - column), int(12 - row)))
+        moved = rig.camera.read_configuration()["bad_pixels"]
+        assert np.array_equal(moved, bad - [row, column])
+
+
 def test_pulse_log_counts_what_left_the_device(tiny_rig: dict[str, Any]) -> None:
     log = Path(tiny_rig["trigger"]["settings"]["pulse_log"])
     for _ in range(2):  # a second rig on the same injector goes on counting

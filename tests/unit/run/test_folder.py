@@ -84,6 +84,12 @@ def test_whoever_goes_on_names_it_too(folder: Path) -> None:
         stored_run(folder, scene)
 
 
+def test_a_run_of_another_scene_is_not_taken(folder: Path) -> None:
+    other = open_run(folder).scene.with_(**{"walls.temperature_K": 401.0})
+    with pytest.raises(RunFolderError, match="holds a run of another scene"):
+        stored_run(folder, other)
+
+
 def test_maps_that_a_full_disk_cut_short_are_made_anew(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
