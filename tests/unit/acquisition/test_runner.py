@@ -301,7 +301,7 @@ def test_drift_before_the_shot_costs_no_injection(mission: Mission) -> None:
                 len(pulses(mission.data)) == 2 and cold < 2
             ):  # after the shot before, and before this
                 cold += 1
-                return float(background.read_temperature()) - (0.0 if cold == 1 else 5.0)
+                return float(background.read_temperature()) - (0.0 if cold == 1 else 1.0)
             return float(background.read_temperature())
 
         return {"read_temperature": read_temperature}
@@ -320,7 +320,7 @@ def test_drift_during_the_shot_is_retaken(mission: Mission) -> None:
             nonlocal dropped
             if len(pulses(mission.data)) == 3 and not dropped:
                 dropped = True
-                return float(background.read_temperature()) - 5.0
+                return float(background.read_temperature()) - 1.0
             return float(background.read_temperature())
 
         return {"read_temperature": read_temperature}
