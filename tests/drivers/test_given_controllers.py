@@ -203,6 +203,19 @@ def test_a_heater_switch_without_an_answer_does_not_keep_the_set_point(
         assert bed.left_on() == ""
 
 
+def test_a_heater_that_does_not_switch_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    with opened(BEDS["line_blackbody"]["talks-serial"], answer_s=0.2) as bed:
+        bed.device.connect()
+        tell, on = bed.device._tell, bed.device._settings.heater_on
+
+        def deaf(command: Any, value: float = 0.0) -> Any:
+            return None if command is on else tell(command, value)
+
+        monkeypatch.setattr(bed.device, "_tell", deaf)
+        with pytest.raises(ConfigRejected, match="the heater does not switch on"):
+            bed.device.set_setpoint(440.0)
+
+
 CELSIUS = {"temperature_unit": "celsius"}
 
 

@@ -134,6 +134,7 @@ _TALKS = {
     "stable": {"send": "READ STABLE", "answer": "STABLE {value}"},
     "heater_on": {"send": "HEAT", "answer": "HEATS"},
     "heater_off": {"send": "COOL", "answer": "COOLS"},
+    "heater": {"send": "READ HEATER", "answer": "HEATER {value}"},
 }
 
 
