@@ -50,6 +50,7 @@ CHANGES: list[tuple[str, bytes, bytes, str]] = [
         r"0.001/T: nan \(entry 0\) is outside 1..5000 .*; this cell is at \(",
     ),
     ("0.001/T", FIRST, b"\n(\nabc\n", "0.001/T: (truncated or|contains text)"),
+    ("0.001/T", FIRST, b"\n(\n", "0.001/T: truncated or damaged: 23 numbers, expected 24"),
     ("0.001/T", rb"\n24\n\(\n[^\n]+", b"\n23\n(", "0.001/T: 23 values, but the mesh has 24 cells"),
     ("0.001/T", b"nonuniform", b"uniform", "0.001/T: internalField is .uniform List"),
     ("0.001/T", b"FoamFile", b"Foam", "0.001/T: is not an OpenFOAM file"),
