@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from cldit.api.series import _finished
 from cldit.dit.maps import Maps
 from cldit.errors import (
     DiskFull,
@@ -146,3 +149,17 @@ def test_medians_are_of_the_acquired_maps() -> None:
     maps = Maps.load(WRITTEN / "acquisition" / "maps")
     assert one.dit is not None
     assert one.dit.pixels == np.isfinite(maps.apparent_temperature_K).sum()
+
+
+def test_a_report_older_than_its_trace_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny_scene: Scene
+) -> None:
+    stored = SimpleNamespace(measured=object())
+    monkeypatch.setattr("cldit.api.series.stored_run", lambda folder, scene: stored)
+    report, trace = tmp_path / "report.html", tmp_path / "run.json"
+    for path in (report, trace):
+        path.touch()
+    for written_ns, finished in ((999, None), (1000, stored)):
+        os.utime(trace, ns=(1000, 1000))
+        os.utime(report, ns=(written_ns, written_ns))
+        assert _finished(tiny_scene, tmp_path) is finished
