@@ -76,7 +76,6 @@ class Transport(Section):
         tolerances = {
             keys.get(key, f"accuracy.{key}"): value for key, value in data["accuracy"].items()
         }
-        twice = sorted(set(rest) & set(tolerances))
-        if twice:
+        if twice := sorted(set(rest) & set(tolerances)):
             raise ValueError(f"{twice[0]} and accuracy: allowed: one of them")
         return rest | tolerances

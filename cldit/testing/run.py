@@ -69,8 +69,7 @@ OF_KIND: dict[str, list[Check]] = {
 OF_BED: dict[str, list[Check]] = {"filter_wheel": FAULTS, "trigger": PULSES}
 """Checks of a whole bed, for kinds whose emulator shows or does more than the device."""
 HARMLESS: dict[str, Callable[..., int]] = {"filter_wheel": check_spoiled}
-"""Kinds that are harmless in every state, of which nothing is left on, each with the check of its
-spoiled answers."""
+"""Kinds that are harmless in every state, each with the check of its spoiled answers."""
 
 
 class Verdict(StrEnum):
