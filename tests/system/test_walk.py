@@ -5,7 +5,8 @@ that sees these packages and no others. `documented.BEGIN` has the reader's own 
 made here: a CFD case, a measurement, scenes. In the tier `slow` the pages of a reader's first day
 are walked, and each shipped scene is a file of its name with few pixels, coarse cells and no flow;
 the tier `long`, for a release, has the other pages too, small and as they are.
-`pytest -m slow tests/system/test_walk.py -k dit` walks one page.
+`pytest -m slow tests/system/test_walk.py -k dit` walks one page, `-m long -k "small and optics"`
+another.
 """
 
 from __future__ import annotations
@@ -316,29 +317,23 @@ def _walk(page: str, walk: Walk, small: bool) -> int:
 
 
 @pytest.mark.parametrize(
-    "page",
+    ("page", "small"),
     [
-        pytest.param(page, marks=pytest.mark.slow if page in FIRST_DAY else pytest.mark.long)
+        pytest.param(page, small, marks=mark, id=f"{page}-{'small' if small else 'typed'}")
         for page in _WALKED
+        for small, mark in (
+            (True, pytest.mark.slow if page in FIRST_DAY else pytest.mark.long),
+            (False, pytest.mark.long),
+        )
+        if any(_todo(page, small))
     ],
 )
-def test_page_with_small_scenes(
-    page: str, installed: Callable[[frozenset[str]], Path], tmp_path: Path
+def test_page(
+    page: str, small: bool, installed: Callable[[frozenset[str]], Path], tmp_path: Path
 ) -> None:
     folder = tmp_path / "a walk"
     folder.mkdir()
-    if any(_todo(page, True)):
-        assert _walk(page, Walk(folder, installed(extras(page))), True) > 0
-    shutil.rmtree(folder)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("page", _WALKED)
-def test_page(page: str, installed: Callable[[frozenset[str]], Path], tmp_path: Path) -> None:
-    folder = tmp_path / "a walk"
-    folder.mkdir()
-    if any(_todo(page, False)):
-        assert _walk(page, Walk(folder, installed(extras(page))), False) > 0
+    assert _walk(page, Walk(folder, installed(extras(page))), small) > 0
     shutil.rmtree(folder)
 
 
