@@ -17,7 +17,7 @@ from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
 from cldit.cfd.names import IDENTITY, TIME, is_mark, normalised
-from cldit.cfd.parcels import only
+from cldit.cfd.plausible import only
 from cldit.cfd.tolerances import ROUNDED, SLACK, WRITTEN
 from cldit.errors import SprayError
 

@@ -14,15 +14,17 @@ from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
 from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels, with_molar_mass
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
-from cldit.cfd.parcels import check_parcels, farthest_m, only
 from cldit.cfd.plausible import (
     SECOND,
     assumptions,
     check_one_liquid,
+    check_parcels,
     check_totals,
+    farthest_m,
     freezing_K,
     gas_remarks,
     is_fuel,
+    only,
 )
 from cldit.cfd.sectors import Pose, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks

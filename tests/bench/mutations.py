@@ -125,7 +125,7 @@ MUTATIONS = (
     row("cldit/spray/cone/fluid_properties.py", "7.2099e-6 * t * t", "7.2099e-6 * t",
         "unit/spray/cone/test_fluid_properties.py", "unit/spray/cone"),
     # cfd: parcels outside, a weight, a copy, bytes
-    row("cldit/cfd/parcels.py", "slack = WRITTEN * float(", "slack = 1e-1 * float(",
+    row("cldit/cfd/plausible.py", "slack = WRITTEN * float(", "slack = 1e-1 * float(",
         "unit/cfd"),
     row("cldit/cfd/mesh_parts.py", "weight = pressure / temperature",
         "weight = pressure * temperature",

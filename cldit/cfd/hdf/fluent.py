@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
+from cldit.cfd.inputs import Size, check_room
 from cldit.cfd.mapping.columns import Fields
 from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import stated_time
 from cldit.errors import SprayError
 from cldit.io.progress import Watch

@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
-from cldit.cfd.inputs import HEAD_BYTES
+from cldit.cfd.inputs import HEAD_BYTES, Size, check_room
 from cldit.cfd.mapping.columns import Fields, joined_cloud
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
-from cldit.cfd.openfoam.collated import Root, split_roots
-from cldit.cfd.openfoam.file import find_foam, open_foam, read_foam
+from cldit.cfd.openfoam.file import Root, find_foam, open_foam, read_foam, split_roots
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
 from cldit.cfd.openfoam.patches import check_processors, cut_boundaries, wall_temperature_K
@@ -31,7 +30,6 @@ from cldit.cfd.openfoam.regions import (
     regions,
     time_folders,
 )
-from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular

@@ -10,8 +10,7 @@ from cldit.arrays import Floats
 from cldit.cfd.case import Boundary
 from cldit.cfd.inputs import AT_ONCE
 from cldit.cfd.mesh.faces import Mesh
-from cldit.cfd.openfoam.collated import Root
-from cldit.cfd.openfoam.file import find_foam, read_foam
+from cldit.cfd.openfoam.file import Root, find_foam, read_foam
 from cldit.cfd.openfoam.injectors import dictionary, dictionary_blocks
 from cldit.errors import SprayError
 from cldit.io.files import open_regular

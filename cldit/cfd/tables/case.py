@@ -6,6 +6,7 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud
+from cldit.cfd.inputs import Size, check_room
 from cldit.cfd.mapping.columns import Source, cloud_columns, gas_columns
 from cldit.cfd.mapping.file import (
     CellColumns,
@@ -18,9 +19,7 @@ from cldit.cfd.mapping.file import (
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.names import is_mark
 from cldit.cfd.one_state import check_marks
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.tables.dpm import dpm_columns, dpm_names
-from cldit.cfd.tables.text import TextTable
+from cldit.cfd.tables.text import TextTable, dpm_columns, dpm_names
 from cldit.cfd.times import stated_time
 from cldit.cfd.unknown_kinds import refuse_unknown
 from cldit.errors import SprayError

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, nodes_in, open_hdf
-from cldit.cfd.inputs import AT_ONCE, module, regular
-from cldit.cfd.size import WHILE_READING, Size
+from cldit.cfd.inputs import AT_ONCE, WHILE_READING, Size, module, regular
 from cldit.errors import SprayError
 
 COMPOSITE = (".vtkhdf",)

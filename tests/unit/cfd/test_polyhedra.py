@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from cldit.cfd.mesh import cells as meshes
-from cldit.cfd.mesh import elements, geometry
-from cldit.cfd.mesh.cells import CellMesh, Measures, PointMesh
+from cldit.cfd.mesh import elements
+from cldit.cfd.mesh.cells import CellMesh, Measures, PointMesh, walk_faces
 from cldit.cfd.mesh.elements import POLYHEDRON, ElementMesh
 from cldit.cfd.mesh.faces import Mesh, join
-from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam import lists as foamlists
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import FoamFile
@@ -169,7 +168,7 @@ def test_cells_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = np.array([2, 0, 1, 2])
     alone = [vars(measured(one)) for one in solids]
     for sides in (1, 11, 1000):
-        monkeypatch.setattr(geometry, "IN_CACHE", sides)
+        monkeypatch.setattr(meshes, "IN_CACHE", sides)
         for name, values in vars(mesh.measure(cells)).items():
             expected = np.concatenate([alone[cell][name] for cell in cells])
             np.testing.assert_allclose(values, expected, atol=1e-15)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.cfd import size
+from cldit.cfd import inputs
 from cldit.cfd.importing import list_case
 from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
@@ -210,7 +210,7 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
     tmp_path: Path, mapping: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = Plot().write(tmp_path / "plt")
-    monkeypatch.setattr(size, "free_bytes", lambda: 0.1e9)
+    monkeypatch.setattr(inputs, "free_bytes", lambda: 0.1e9)
     told: list[Any] = []
     spec = CfdSpray(file=case, mapping=mapping, **PLACE)
     with pytest.raises(SprayError, match=r"plt: about 2048 cells .*0\.1 GB are free"):

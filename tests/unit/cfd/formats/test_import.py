@@ -13,7 +13,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cldit.cfd import size
+from cldit.cfd import inputs
 from cldit.cfd.importing import imported
 from cldit.cfd.mapping.file import read_column_map
 from cldit.cfd.to_spray import read_cfd
@@ -192,7 +192,7 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec = written(kind, tmp_path / "case")
-    monkeypatch.setattr(size, "free_bytes", lambda: 0.1e9)
+    monkeypatch.setattr(inputs, "free_bytes", lambda: 0.1e9)
     told: list[Any] = []
     with pytest.raises(SprayError) as caught:
         imported(spec, None, watch=lambda *each: told.append(each))
@@ -210,8 +210,8 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
 
 
 def test_who_does_not_know_what_is_free_refuses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    large = size.Size(10**9, 0, 1e12)
-    monkeypatch.setattr(size, "free_bytes", lambda: None)
-    size.check_room(Path("case"), large)
-    monkeypatch.setattr(size, "free_bytes", lambda: 10**14)
-    size.check_room(Path("case"), large)
+    large = inputs.Size(10**9, 0, 1e12)
+    monkeypatch.setattr(inputs, "free_bytes", lambda: None)
+    inputs.check_room(Path("case"), large)
+    monkeypatch.setattr(inputs, "free_bytes", lambda: 10**14)
+    inputs.check_room(Path("case"), large)
