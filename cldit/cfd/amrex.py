@@ -223,8 +223,10 @@ def _grids(file: Path, components: int, size_m: Floats, low_m: AnyFloats) -> lis
 def _cover(level: list[_Grid], finer: list[_Grid]) -> None:
     """Marks the cells of a level that boxes of the next one cover."""
     ratio = np.rint(level[0].size_m / finer[0].size_m).astype(np.int64)
-    low = np.array([grid.low for grid in finer]) // ratio
-    high = np.array([grid.high for grid in finer]) // ratio
+    lows, ends = (np.array([getattr(grid, end) for grid in finer]) for end in ("low", "high"))
+    low, high = lows // ratio, ends // ratio
+    if np.any(lows % ratio) or np.any((ends + 1) % ratio):
+        raise _damaged(finer[0].data[0].parent / "Cell_H", "boxes that cover parts of coarse cells")
     for grid in level:
         kept = grid.kept.reshape((grid.high - grid.low + 1)[::-1])
         for over in np.flatnonzero(np.all((low <= grid.high) & (high >= grid.low), axis=1)):

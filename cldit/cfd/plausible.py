@@ -25,12 +25,13 @@ from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Parcels
 
-# a falling drop of water breaks up beyond some 5 mm; a larger value has another unit
+# A falling drop of water breaks up beyond some 5 mm; liquids have from 162 kg/m3, methane's density
+# at its critical point (NIST), to some 1,500. What lies beyond has another unit.
 _LIMITS = {
     "d": (1e-9, 5e-3, "d is the diameter of a droplet in metres"),
     "nParticle": (0.0, 1e18, "nParticle is the number of droplets"),
     "T": (1.0, 5000.0, "T is a temperature in K, above the freezing point (degC?)"),
-    "rho": (10.0, 3e4, "rho is a density in kg/m3"),
+    "rho": (100.0, 3e3, "rho is a density in kg/m3"),
 }
 
 

@@ -208,6 +208,14 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     stored = _within(case, spec.fuel_field, low=-SLACK, high=1.0 + SLACK, hint=hint)
     fraction = stored.astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
+    coldest_K = freezing_K(spec)
+    if (cold := (temperature < coldest_K) & (fraction > _EDGE_OF_JET)).any():
+        cell = int(np.argmax(cold))
+        raise SprayError(
+            f"{case.gas['T'].label}: {temperature[cell]:g} (entry {cell}) is below the freezing "
+            f"point of the vapour in this cell, {coldest_K:g} K; T is a temperature in K (degC? a "
+            "mapping file gives the unit)"
+        )
     pressure = None
     remarks: tuple[str, ...] = ()
     if case.gas[spec.fuel_field].unit == "mol/mol":

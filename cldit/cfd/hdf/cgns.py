@@ -119,8 +119,11 @@ def _zone(path: Path, zone: Any) -> MeshPart:
     kinds = [text_of_node(path, node) for _, node in children(zone, "ZoneType_t")]
     vertices, cells = (int(np.prod(row, dtype=np.int64)) for row in sizes[:2])
     grids = children(zone, "GridCoordinates_t")
-    if not grids:
-        raise SprayError(f"{path}: {name}: no coordinates")
+    if len(grids) != 1:
+        held = (
+            f"{len(grids)} sets of coordinates, of a mesh that moves" if grids else "no coordinates"
+        )
+        raise SprayError(f"{path}: {name}: {held}; {_WAY}")
     arrays = dict(_arrays(path, grids[0][1], vertices))
     if missing := {"CoordinateX", "CoordinateY", "CoordinateZ"} - set(arrays):
         raise SprayError(f"{path}: {name}: {min(missing)} is missing; expected: X, Y, Z")

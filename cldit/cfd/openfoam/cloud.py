@@ -29,14 +29,13 @@ def read_cloud(
     block: int | None,
     *,
     columns: set[str],
-    files: list[Path],
-    times_s: dict[Path, float],
+    read: dict[Path, float | None],
 ) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3) and fields of one cloud, read from `positions`, else from `coordinates`.
 
     Both may contain either form. `columns`: names of fields, `U_X` means U; labels and shares of
-    species are read, too, if they are readable. Adds the files read, and their times, to `files`
-    and `times_s`.
+    species are read, too, if they are readable. Adds the files, and the times that they state, to
+    `read`.
     """
     names = ("positions", "coordinates")
     path = next((folder / name for name in names if find_foam(folder / name)), None)
@@ -49,9 +48,7 @@ def read_cloud(
     file = read_foam(path, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
-    files.append(file.path)
-    if file.time_s is not None:
-        times_s[file.path] = file.time_s
+    read[file.path] = file.time_s
     fields: dict[str, Column] = {}
     needed = {*columns, *(re.sub("_[XYZ]$", "", column) for column in columns)}
     stored = {entry.name.removesuffix(".gz") for entry in folder.iterdir() if entry.is_file()}
@@ -61,14 +58,14 @@ def read_cloud(
             share = field.kind == "scalarField" and species_in(name) is not None
             if name not in needed and field.kind != "labelField" and not share:
                 continue
-            read: Callable[..., Any] = labels if "label" in field.kind else scalars
-            read = vectors if field.kind.startswith("vector") else read
-            fields[name] = Column(str(folder / name), read(field, len(position)))
+            parse: Callable[..., Any] = labels if "label" in field.kind else scalars
+            parse = vectors if field.kind.startswith("vector") else parse
+            fields[name] = Column(str(folder / name), parse(field, len(position)))
         except SprayError:
             if name in needed:
                 raise
             continue
-        files.append(field.path)
+        read[field.path] = field.time_s
     return Column(str(path), position), fields
 
 

@@ -14,7 +14,15 @@ import pytest
 from cldit.cfd.formats import contents, read_case
 from cldit.cfd.mapping_draft import write_mapping
 from cldit.scene.spray import CfdSpray
-from tests.unit.cfd.composites import node, write_cgns, write_elements, write_hdf, write_hdf_steps
+from tests.unit.cfd.composites import (
+    ZONE,
+    node,
+    with_sections,
+    write_cgns,
+    write_elements,
+    write_hdf,
+    write_hdf_steps,
+)
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import notes_of, read, refused
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts
@@ -67,14 +75,6 @@ def test_partitions_and_ghosts(tmp_path: Path) -> None:
     assert spray.notes["gas_cells"] == count
     assert spray.notes["vapour_mass_kg"] == pytest.approx(expected(sample)[0], rel=5e-6)
     assert "omitted: 2 cells" in " ".join(spray.remarks)
-
-
-def test_rows_that_belong_to_no_step(tmp_path: Path) -> None:
-    """A field whose offsets are those of the first step, as where they are counted in 32 bits."""
-    file = write_hdf_steps(tmp_path / "a.vtkhdf", foam.sample(), [0.0005, 0.001])
-    with h5py.File(file, "r+") as root:
-        root["VTKHDF/Steps/CellDataOffsets/C7H16"][...] = 0
-    refused(file, r"C7H16: 24 of 48 rows belong to no step")
 
 
 def test_times_of_a_file(tmp_path: Path) -> None:
@@ -149,33 +149,6 @@ def test_structured_zone_of_cgns(tmp_path: Path) -> None:
     assert masses(file)[0] == pytest.approx(expected(sample)[0], rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "label", "data", "match"),
-    [
-        ("Units", "DimensionalUnits_t", b"Kilogram".ljust(32) + b"Foot".ljust(32), "is in Foot"),
-        ("DataClass", "DataClass_t", b"NondimensionalParameter", "expected: dimensional data"),
-        ("Solution/Rind", "Rind_t", b"\0\1", "has ghost cells"),
-        ("More", "Elements_t", b"\x12\0", "elements of type 18; allowed:"),
-        ("Times", "BaseIterativeData_t", b"", "2 times in it"),
-        ("Solution/GridLocation", "GridLocation_t", b"FaceCenter", "fields at FaceCenter"),
-    ],
-)
-def test_refusals_of_cgns(tmp_path: Path, name: str, label: str, data: bytes, match: str) -> None:
-    file = write_cgns(tmp_path / "a.cgns", foam.sample())
-    with h5py.File(file, "r+") as root:
-        parent = root["Base"] if name == "Times" else root["Base/Zone"]
-        node = parent.require_group(name)
-        node.attrs.create("label", np.bytes_(label.encode()), dtype="S33")
-        if " data" in node:
-            del node[" data"]
-        node[" data"] = np.frombuffer(data, "i1")
-        if name == "Times":
-            values = node.create_group("TimeValues")
-            values.attrs.create("label", np.bytes_(b"DataArray_t"), dtype="S33")
-            values[" data"] = np.array([0.1, 0.2])
-    refused(file, match)
-
-
 @pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf"])
 def test_no_such_file(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"ADF Database Version A02011" + bytes(100))
@@ -218,54 +191,6 @@ def test_parcels_that_a_converter_left_out(tmp_path: Path) -> None:
     refused(case, r"cloud 'rain' has neither positions nor coordinates", cloud="rain")
 
 
-ZONE = "Base/Zone"
-
-
-def section(zone: Any, name: str, kind: int, first: int, lists: list[Any]) -> Any:
-    """Elements of lists of numbers, and their offsets."""
-    part = node(zone, name, "Elements_t", [kind, 0])
-    node(part, "ElementRange", "IndexRange_t", [first, first + len(lists) - 1])
-    node(part, "ElementConnectivity", "DataArray_t", np.concatenate(lists))
-    node(part, "ElementStartOffset", "DataArray_t", np.cumsum([0, *map(len, lists)]))
-    return part
-
-
-def polyhedra(zone: Any, block: Any) -> None:
-    """Faces in two sections, the boundary first; every third is reversed, with its sign."""
-    inner = len(block.neighbour)
-    order = [*range(inner, len(block.owner)), *range(inner)]
-    signed: list[list[int]] = [[] for _ in range(block.cells)]
-    faces = []
-    for number, face in enumerate(order, start=1):
-        sign = -1 if number % 3 == 0 else 1
-        faces.append([corner + 1 for corner in block.faces[face][::sign]])
-        signed[block.owner[face]].append(sign * number)
-        if face < inner:
-            signed[block.neighbour[face]].append(-sign * number)
-    outer = len(block.owner) - inner
-    section(zone, "A", 22, 1, faces[:outer])
-    section(zone, "B", 22, outer + 1, faces[outer:])
-    section(zone, "C", 23, len(order) + 1, signed)
-
-
-def mixed(zone: Any, hexahedra: Any) -> None:
-    """A square between hexahedra, which is no cell."""
-    rows = [[17, *row] for row in hexahedra]
-    section(zone, "A", 20, 1, [*rows[:5], [7, *hexahedra[0][:4]], *rows[5:]])
-
-
-def changed(path: Path, block: Any, kind: str) -> Path:
-    with h5py.File(path, "a") as file:
-        zone = file[ZONE]
-        rows = zone["Hexahedra/ElementConnectivity/ data"][()].reshape(-1, 8)
-        del zone["Hexahedra"]
-        if kind == "polyhedra":
-            polyhedra(zone, block)
-        else:
-            mixed(zone, rows)
-    return path
-
-
 @pytest.mark.parametrize("points", [False, True])
 @pytest.mark.parametrize("kind", ["polyhedra", "mixed"])
 def test_cells_of_another_section_are_the_same_cells(
@@ -273,7 +198,7 @@ def test_cells_of_another_section_are_the_same_cells(
 ) -> None:
     sample = foam.sample()
     whole = notes_of(write_cgns(tmp_path / "a.cgns", sample, points=points))
-    path = changed(write_cgns(tmp_path / "b.cgns", sample, points=points), sample[0], kind)
+    path = with_sections(write_cgns(tmp_path / "b.cgns", sample, points=points), sample[0], kind)
     assert notes_of(path) == pytest.approx(whole, rel=1e-12)
 
 
@@ -292,26 +217,6 @@ def test_a_mesh_in_another_file(tmp_path: Path) -> None:
     assert {Path(file.path).name for file in found.files} == {"mesh.cgns", "result.cgns"}
     mesh.rename(tmp_path / "gone.cgns")
     refused(path, r"mesh\.cgns")
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("C", lambda values: np.abs(values), "belongs to cells in the same sense"),
-        ("C", lambda values: values + 1000, "a face that does not exist"),
-        ("A", lambda values: values * 0 + 10_000, "point labels .* allowed: 0"),
-        ("A", lambda values: values[:-1], "offsets 0 to .* numbers"),
-    ],
-)
-def test_damaged_polyhedra(tmp_path: Path, name: str, change: Any, message: str) -> None:
-    sample = foam.sample()
-    path = changed(write_cgns(tmp_path / "a.cgns", sample), sample[0], "polyhedra")
-    with h5py.File(path, "a") as file:
-        data = file[f"{ZONE}/{name}/ElementConnectivity"]
-        values = change(data[" data"][()])
-        del data[" data"]
-        data[" data"] = values
-    refused(path, message)
 
 
 def test_dimensions_of_another_quantity(tmp_path: Path) -> None:

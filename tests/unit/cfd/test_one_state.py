@@ -125,8 +125,8 @@ def test_comments_without_an_end(tmp_path: Path) -> None:
 def test_a_packed_field_of_blanks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = foam.case(tmp_path, form=foam.form(gz=True))
     foam.form(gz=True).write(case / "0.001/T", "volScalarField", b" " * 100_000_000)
-    monkeypatch.setattr("cldit.cfd.inputs.free_bytes", lambda: 100_000_000)
-    refused(case, r"T.gz: more than 0\.0\d+ GB of content; allowed: up to a third of the 0\.1 GB")
+    monkeypatch.setattr("cldit.cfd.inputs.free_bytes", lambda: 250_000_000)
+    refused(case, r"T.gz: more than 0\.0\d+ GB of content; allowed: up to a third of the 0\.25 GB")
 
 
 def late(folder: Path, *, youngest_s: float) -> Path:

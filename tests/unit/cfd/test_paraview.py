@@ -280,19 +280,3 @@ def test_mapping_of_names_and_units(tmp_path: Path, expected: dict[str, float]) 
         assert spray.notes[name] == pytest.approx(expected[name], rel=5e-6), name
     assert spray.notes["axis_y"] == -1.0  # the velocity came over
     assert str(mapping) in {file.path for file in spray.files}
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("<VTKFile><vtkMultiBlockDataSet>", "is damaged or truncated"),
-        ("<VTKFile></VTKFile>", "names no file"),
-        ('<VTKFile><DataSet file="none.vtu"/></VTKFile>', r"names .*none\.vtu, which is missing"),
-        ('<VTKFile><DataSet file="all.vtm"/></VTKFile>', "names itself"),
-        ('<VTKFile><DataSet file="a.xyz"/></VTKFile>', r"names .*a\.xyz, of a kind that is not"),
-    ],
-)
-def test_collections_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:
-    file = tmp_path / "all.vtm"
-    file.write_text(text)
-    refused(file, rf"all\.vtm.*{message}")

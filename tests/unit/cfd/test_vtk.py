@@ -285,6 +285,15 @@ def test_a_listed_step_that_is_missing(tmp_path: Path) -> None:
     assert notes_of(folder, time_s=0.0005)["time_s"] == 0.0005
 
 
+def test_lists_of_several_runs(tmp_path: Path) -> None:
+    two_steps(tmp_path, "xml")
+    rain = tmp_path / "lagrangian/rain/rain.vtp.series"
+    series(rain, {"rain_10.vtp": 0.0005, "rain_20.vtp": 0.0007})
+    refused(
+        tmp_path, r"rain\.vtp\.series: lists step 20 at 0\.0007 s, .*case.* at 0\.001 s; allowed"
+    )
+
+
 def test_a_listed_cloud_that_is_missing(tmp_path: Path) -> None:
     """Of two clouds one is left of this step: it is not taken for the only one."""
     folder = tmp_path / "VTK"

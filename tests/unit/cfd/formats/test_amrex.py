@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -229,46 +228,9 @@ def test_what_it_lacks_is_named(tmp_path: Path, mapping: Path) -> None:
     refused(other, r"rho_E, of PeleC.* cm, g, s; allowed: .* in m, kg, s", mapping=mapping, **PLACE)
 
 
-DAMAGE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "Header": (lambda b: b[:60], r"Header: is damaged or truncated, or no plotfile of AMReX"),
-    "Level_0/Cell_H": (lambda b: b.replace(b"\n5\n", b"\n4\n", 1), "4 components, 5 in the Header"),
-    "Level_1/Cell_H": (lambda b: b[:-90], "Level_1/Cell_H: is damaged"),
-    "Level_0/Cell_D_00000": (lambda b: b[:-800], r"Y\(NC7H16\) ends after 412 of 512 values"),
-    "Level_1/Cell_D_00000": (
-        lambda b: b.replace(b"64 11 52 0 1 12 0 1023", b"32 8 23 0 1 9 0 127"),
-        "Level_1/Cell_D_00000: is damaged .*no FAB of 4 or 8 bytes a number at 0",
-    ),
-    "particles/Header": (lambda b: b.replace(b"double", b"single"), r"in single precision by"),
-    "particles/Level_0/DATA_00000": (
-        lambda b: b[:-8],
-        r"DATA_00000: .*3512 bytes, but 40 particles",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", sorted(DAMAGE))
-def test_damaged_files_are_named(tmp_path: Path, mapping: Path, name: str) -> None:
-    change, message = DAMAGE[name]
-    case = Plot().write(tmp_path / "plt")
-    whole = (case / name).read_bytes()
-    assert change(whole) != whole
-    (case / name).write_bytes(change(whole))
-    refused(case, message, mapping=mapping, **PLACE)
-
-
-def test_other_boxes_and_values_than_its_lists_state(tmp_path: Path, mapping: Path) -> None:
+def test_other_values_than_its_lists_state(tmp_path: Path, mapping: Path) -> None:
     case = Plot().write(tmp_path / "plt")
     spec = CfdSpray(file=case, mapping=mapping, **PLACE)
-    head = case / "Level_0" / "Cell_H"
-    listed = head.read_text()
-    head.write_text(listed.replace(text(COARSE[1]), text(COARSE[0])))
-    with pytest.raises(SprayError, match="Cell_H has 5 in another box"):
-        read_cfd(spec)
-    one = "\n".join(line for line in listed.splitlines() if text(COARSE[1]) not in line)
-    head.write_text(one)
-    with pytest.raises(SprayError, match="2 arrays of 1 boxes"):
-        read_cfd(spec)
-    head.write_text(listed)
     data = case / "Level_0" / "Cell_D_00000"
     whole = bytearray(data.read_bytes())
     hottest = whole.find(np.float64(800.0).tobytes())
