@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
-from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud, only_claimant
+from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud
 from cldit.cfd.inputs import HEAD_BYTES, Size, check_room, regular, text_of
 from cldit.cfd.mapping.columns import Fields, mapped_cloud
 from cldit.cfd.mapping.file import ColumnMap, ParcelColumns
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.times import choose_time
+from cldit.cfd.times import choose_file
 from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
@@ -138,8 +138,7 @@ def _chosen(spec: CfdSpray) -> tuple[list[float], Path]:
     by_time: dict[float, list[Path]] = {}
     for path in plotfiles(spec.file):
         by_time.setdefault(_head(path)[1], []).append(path)
-    time = choose_time(str(spec.file), by_time, spec.time_s)
-    return list(by_time), only_claimant(f"time {time:g}", by_time[time])
+    return list(by_time), choose_file(str(spec.file), by_time, spec.time_s)[1]
 
 
 def _clouds(path: Path) -> dict[str, Path]:

@@ -1,7 +1,9 @@
 """Choice among a case's times: a number that it has, the latest, or the nearest."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
+from cldit.cfd.case import only_claimant
 from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 
@@ -33,6 +35,14 @@ def choose_time(source: str, times: Iterable[float], requested: CaseTime | None)
             f"{abs(best - number):.3g} away: `nearest {number:g}` takes it"
         )
     return best
+
+
+def choose_file(
+    source: str, by_time: Mapping[float, Iterable[Path]], requested: CaseTime | None, role: str = ""
+) -> tuple[float, Path]:
+    """Returns `choose_time`, and the only file of that time in a `role`."""
+    time = choose_time(source, by_time, requested)
+    return time, only_claimant(f"{role}time {time:g}", by_time[time])
 
 
 def stated_time(source: str, times: Iterable[float], requested: CaseTime | None) -> float | None:

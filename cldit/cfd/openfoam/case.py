@@ -19,10 +19,14 @@ from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_name
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
+from cldit.cfd.openfoam.dictionaries import (
+    case_injectors,
+    check_processors,
+    cut_boundaries,
+    wall_temperature_K,
+)
 from cldit.cfd.openfoam.file import Root, find_foam, open_foam, read_foam, split_roots
-from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
-from cldit.cfd.openfoam.patches import check_processors, cut_boundaries, wall_temperature_K
 from cldit.cfd.openfoam.regions import (
     case_folder,
     find_step,

@@ -179,13 +179,18 @@ def mixed(zone: Any, hexahedra: Any) -> None:
 
 
 def with_sections(path: Path, block: Any, kind: str) -> Path:
-    """The same cells as polyhedra, or as MIXED elements."""
+    """The same cells as polyhedra, as MIXED elements, or as a structured zone."""
     with h5py.File(path, "a") as file:
         zone = file[ZONE]
         rows = zone["Hexahedra/ElementConnectivity/ data"][()].reshape(-1, 8)
         del zone["Hexahedra"]
         if kind == "polyhedra":
             polyhedra(zone, block)
+        elif kind == "structured":
+            shape = np.array(block.shape) + 1
+            del zone[" data"], zone["ZoneType/ data"]
+            zone[" data"] = np.array([shape, shape - 1, [0, 0, 0]], "i4")
+            zone["ZoneType/ data"] = np.frombuffer(b"Structured", "i1")
         else:
             mixed(zone, rows)
     return path
@@ -218,7 +223,8 @@ def write_format(kind: str, folder: Path, sample: Any) -> Path:
     if kind in WRITERS:
         return WRITERS[kind][0](folder, sample)
     if kind.startswith("openfoam"):
-        form = Form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
+        wide = kind.endswith("label64")
+        form = Form(wide or kind.endswith("binary"), kind.endswith("gz"), label=64 if wide else 32)
         place = "coordinates" if kind.endswith("barycentric") else ""
         return write_case(folder, block, gas=gas, cloud=cloud, form=form, barycentric=place)
     folder.mkdir(parents=True, exist_ok=True)
@@ -245,3 +251,10 @@ def write_format(kind: str, folder: Path, sample: Any) -> Path:
     blocks = {"gas": block_grid(block, gas), "drops": cloud_data(cloud)}
     file = write_hdf(folder / "a.vtkhdf", blocks)
     return file if kind == "vtkhdf-by-vtk" else with_checksums(file)
+
+
+def keys_of(kind: str, folder: Path) -> dict[str, Any]:
+    """Keys of a scene that a format of `write_format` needs beside the case."""
+    mapping = {"mapping": folder / "names.yaml"} if kind in ("fluent-dpm", "amrex") else {}
+    place = {"nozzle_m": (0.0, 0.0, 0.0), "axis": "+z", "fuel_field": "NC7H16"}
+    return mapping | (place if kind == "amrex" else {})

@@ -248,8 +248,7 @@ def test_commented_variants_of_a_case_give_one_spray(tmp_path: Path, binary: boo
     ],
 )
 def test_macros_and_includes_of_a_field(tmp_path: Path, text: str) -> None:
-    block, fields, _ = foam.sample()
-    case = foam.write(tmp_path, block, gas=fields | {"rho": np.full(block.cells, 25.0)})
+    case = foam.case(tmp_path, gas={"rho": 25.0}, cloud=False)
     (case / "0.001/start").write_text("/* T1 1; */ T1 690; // T1 2;\nwhole uniform $T1;\n")
     foam.form().write(case / "0.001/T", "volScalarField", text.encode())
     notes = notes_of(case)
@@ -270,7 +269,7 @@ def test_macros_and_includes_of_a_field(tmp_path: Path, text: str) -> None:
     ],
 )
 def test_macros_that_cannot_be_expanded(tmp_path: Path, text: str, message: str) -> None:
-    case = foam.case(tmp_path, cloud=None)
+    case = foam.case(tmp_path, cloud=False)
     foam.form().write(case / "0.001/T", "volScalarField", text.encode())
     refused(case, message)
 
@@ -292,7 +291,7 @@ def test_macros_that_cannot_be_expanded(tmp_path: Path, text: str, message: str)
 def test_dimensions_of_another_quantity(
     tmp_path: Path, name: str, powers: str, message: str, last: bool
 ) -> None:
-    case = foam.case(tmp_path, cloud=None)
+    case = foam.case(tmp_path, cloud=False)
     file = case / "0.001" / name
     before, entry, after = file.read_text().partition("dimensions [")
     after = after.partition("];")[2]
@@ -415,10 +414,8 @@ def test_a_check_that_is_accepted_is_a_remark_and_the_others_hold(tmp_path: Path
 
 
 def test_a_check_that_cannot_decide_names_what_it_needs(tmp_path: Path) -> None:
-    block, fields, cloud = foam.sample()
     for kept in (True, False):
-        own = {k: v for k, v in cloud.items() if kept or k != "U"}
-        case = foam.write(tmp_path / str(kept), block, gas=fields, cloud=own)
+        case = foam.case(tmp_path / str(kept), cloud={} if kept else {"U": None})
         remarks = read(case, nozzle_m=(0.0, 0.0, 0.0), axis="+y").remarks
         said = [each for each in remarks if each.startswith("Not checked (tracks): ")]
         assert len(said) == (0 if kept else 1)

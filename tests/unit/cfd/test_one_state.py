@@ -27,14 +27,11 @@ CLOUD = "0.001/lagrangian/sprayCloud"
 
 
 def test_parcels_that_occur_twice(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
+    cloud = foam.sample()[2]
     twice = {name: np.concatenate([values, values[3:5]]) for name, values in cloud.items()}
-    refused(
-        foam.write(tmp_path / "one", block, gas=gas, cloud=twice),
-        r"positions: 2 of 19 parcels occur twice, such as parcels 3 and 17",
-    )
-    born = twice | {"age": np.zeros(19)}
-    read(foam.write(tmp_path / "two", block, gas=gas, cloud=born))
+    case = foam.case(tmp_path / "one", cloud=twice)
+    refused(case, r"positions: 2 of 19 parcels occur twice, such as parcels 3 and 17")
+    read(foam.case(tmp_path / "two", cloud=twice | {"age": np.zeros(19)}))
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.0])
@@ -159,13 +156,6 @@ def test_the_nozzle_after_the_end_of_injection_is_asked_for(tmp_path: Path) -> N
     assert np.array_equal(frame.axis, (0.0, 1.0, 0.0))
 
 
-def test_an_axis_of_few_parcels_is_asked_for(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
-    wide = np.random.default_rng(5).normal((0.0, -50.0, 0.0), 50.0, (17, 3))
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud | {"U": wide})
-    refused(case, r"the axis of the injection cannot be inferred .*degrees only", axis=None)
-
-
 def test_single_undefined_velocities_and_dummies(tmp_path: Path) -> None:
     """One undefined velocity or dummy of 61 is more than 1 %, and costs no mass."""
     case = late(tmp_path / "case", youngest_s=0.0)
@@ -199,8 +189,7 @@ def test_single_undefined_velocities_and_dummies(tmp_path: Path) -> None:
 @pytest.mark.parametrize("head", [b"", b"List<scalar> ", b"/* no count */ "])
 def test_lists_without_their_length(tmp_path: Path, head: bytes) -> None:
     """OpenFOAM reads a list in ascii without its length, too."""
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    block, case = foam.sample()[0], foam.case(tmp_path)
     whole = notes_of(case)
     for name in ("d", "U"):
         file = case / CLOUD / name

@@ -12,7 +12,7 @@ CLOUD = "0.001/lagrangian/sprayCloud"
 
 
 def test_times_and_clouds_that_are_not_there(tmp_path: Path) -> None:
-    foam.case(tmp_path, cloud=None, time="0")
+    foam.case(tmp_path, cloud=False, time="0")
     foam.case(tmp_path)
     refused(tmp_path, r"no time 0\.002 s \(spray\.time_s\); available: 0, 0\.001", time_s=0.002)
     refused(tmp_path, r"no cloud 'rain' .spray.cloud.; available: sprayCloud", cloud="rain")
@@ -28,7 +28,7 @@ def test_paths_that_are_no_case(tmp_path: Path) -> None:
     refused(tmp_path / "nothing", "no such file or folder")
     refused(tmp_path / "nothing" / "case.foam", "no such file or folder")
     refused(tmp_path, "no case that is read, but: nothing; allowed:")
-    foam.case(tmp_path, cloud=None)
+    foam.case(tmp_path, cloud=False)
     shutil.rmtree(tmp_path / "0.001")
     (tmp_path / "VTK").mkdir()
     refused(tmp_path, r"no time with results; its VTK output .*VTK$")

@@ -203,8 +203,7 @@ TWO = ElementMesh(
 def test_number_of_cells_at_once_changes_nothing(
     at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    block, gas, cloud = foam.sample(shear=0.3)
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    case = foam.case(tmp_path / "case", shear=0.3)
     whole = read(case)
     monkeypatch.setattr(meshes, "AT_ONCE", at_once)
     assert same(read(case), whole)
@@ -214,10 +213,9 @@ def test_cells_without_vapour_are_left_out_wherever_they_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before the first cell with much fuel it is not known yet that another has next to none."""
-    block, gas, cloud = foam.sample()
-    gas["C7H16"][:] = 0.0
-    gas["C7H16"][[1, 20]] = 1e-18, 0.2
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    fuel = np.zeros(24)
+    fuel[[1, 20]] = 1e-18, 0.2
+    case = foam.case(tmp_path / "case", gas={"C7H16": fuel})
     monkeypatch.setattr(meshes, "AT_ONCE", 4)
     spray = read(case)
     assert spray.notes["vapour_cells"] == 1.0

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tests.unit.cfd.composites import ZONE, node, write_format
+from tests.unit.cfd.composites import ZONE, keys_of, node, write_format
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import notes_of, read, refused
 
@@ -329,13 +329,6 @@ def test_a_wrong_file_is_named(
         refused(case, message, **keys)
     else:
         assert notes_of(case, **keys)["gas_cells"] == 24
-
-
-def keys_of(kind: str, folder: Path) -> dict[str, Any]:
-    """Keys of a scene that a format needs beside the case."""
-    mapping = {"mapping": folder / "names.yaml"} if kind in ("fluent-dpm", "amrex") else {}
-    place = {"nozzle_m": (0.0, 0.0, 0.0), "axis": "+z", "fuel_field": "NC7H16"}
-    return mapping | (place if kind == "amrex" else {})
 
 
 @pytest.mark.parametrize("times", [(0.001, 0.0005), (0.001, 0.001)])

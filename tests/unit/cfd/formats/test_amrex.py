@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.cfd import inputs
 from cldit.cfd.importing import list_case
 from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
@@ -203,18 +202,6 @@ def test_solid_bodies_ghost_particles_and_several_times(tmp_path: Path, mapping:
     write_mapping(spec, tmp_path / "names.yaml")
     drafted = (tmp_path / "names.yaml").read_text()
     assert "fuel: {column: Y(NC7H16)" in drafted and "number: {column: number_density" in drafted
-
-
-def test_what_does_not_fit_is_refused_before_it_is_read(
-    tmp_path: Path, mapping: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case = Plot().write(tmp_path / "plt")
-    monkeypatch.setattr(inputs, "free_bytes", lambda: 0.1e9)
-    told: list[Any] = []
-    spec = CfdSpray(file=case, mapping=mapping, **PLACE)
-    with pytest.raises(SprayError, match=r"plt: about 2048 cells .*0\.1 GB are free"):
-        read_cfd(spec, watch=lambda *each: told.append(each))
-    assert not told
 
 
 def test_what_it_lacks_is_named(tmp_path: Path, mapping: Path) -> None:

@@ -42,7 +42,7 @@ def test_mapping_of_ensight_and_converge(tmp_path: Path) -> None:
     mapping.write_text("parcels: {density: 700}")
     notes = notes_of(folder, mapping=mapping)
     assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-6)
-    case = foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud)
+    case = foam.case(tmp_path / "foam")
     notes = notes_of(case, mapping=mapping)
     assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-12)
 
