@@ -23,6 +23,7 @@ from tests.unit.cfd.composites import (
     write_hdf_steps,
 )
 from tests.unit.cfd.conftest import foam
+from tests.unit.cfd.formats.conftest import write_converge
 from tests.unit.cfd.reading import notes_of, read, refused
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts
 
@@ -170,3 +171,24 @@ def test_dimensions_of_another_quantity(tmp_path: Path) -> None:
         if powers[0]:
             read(path)
     refused(path, r"Pressure: cells\.pressure: unit '\[0, 2, -2, 0, 0\]' is")
+
+
+@pytest.mark.parametrize("new", [True, False])
+def test_streams_of_converge(tmp_path: Path, new: bool) -> None:
+    """A solid stream has no fuel, and is left out by name; two files of a time are an error."""
+    folder = write_converge(tmp_path / "h5", foam.sample(), new=new)
+    expected = read(folder)
+    last = max(folder.iterdir())
+    assert [Path(file.path) for file in expected.files] == [last]
+    with h5py.File(last, "r+") as post:
+        post.copy("STREAM_00", "STREAM_01")
+        solid = post["STREAM_01"]
+        del solid["PARCEL_DATA"], solid["CELL_CENTER_DATA/MASSFRAC_C7H16"]
+        solid["CELL_CENTER_DATA/DENSITY"][...] = 7800.0
+    spray = read(folder)
+    assert spray.notes == expected.notes
+    assert any(
+        "without C7H16 were omitted" in text and "STREAM_01" in text for text in spray.remarks
+    )
+    (folder / "copy.h5").write_bytes(last.read_bytes())
+    refused(folder, r"2 claim to be time 0\.001: .*copy\.h5")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import signal
@@ -161,3 +162,21 @@ def test_control_c_leaves_nothing(phase: str, tmp_path: Path) -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     assert list(folder.iterdir()) == []
+
+
+def test_import_prints_and_keeps_them(tmp_path: Path) -> None:
+    case = foam.case(tmp_path / "case")
+    (case / "0.001" / "unused").write_text("not read")
+    out = tmp_path / "spray.npz"
+    done = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out), "-v"])
+    assert done.exit_code == 0, done.output
+    kept = read_cfd(CfdSpray(file=out)).files
+    assert Path(kept[0].path) == out
+    names = {Path(file.path).relative_to(case).as_posix() for file in kept[1:]}
+    mesh = {f"constant/polyMesh/{n}" for n in ("points", "faces", "owner", "neighbour", "boundary")}
+    drops = {"positions", "d", "nParticle", "T", "rho", "U"}
+    fields = {f"0.001/{name}" for name in ("T", "p", "rho", "C7H16")}
+    assert names == mesh | fields | {f"0.001/lagrangian/sprayCloud/{name}" for name in drops}
+    for file in kept[1:]:
+        assert file.sha256 == hashlib.sha256(Path(file.path).read_bytes()).hexdigest()
+        assert f"read {file.path} ({file.bytes} bytes, " in done.output.replace("\n", "")
