@@ -14,7 +14,7 @@ from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.names import species_in
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
 from cldit.cfd.openfoam.lists import as_integers, labels, particles, scalars, vectors
-from cldit.cfd.tolerances import SLACK
+from cldit.cfd.tolerances import SLACK, WRITTEN
 from cldit.errors import SprayError
 
 
@@ -48,6 +48,8 @@ def read_cloud(
     file = read_foam(path, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
+    if rows.shape[1] == 4:
+        _check_cells(file, position, as_integers(file, rows[:, 3]), mesh)
     read[file.path] = file.time_s
     fields: dict[str, Column] = {}
     needed = {*columns, *(re.sub("_[XYZ]$", "", column) for column in columns)}
@@ -69,6 +71,33 @@ def read_cloud(
     return Column(str(path), position), fields
 
 
+def _check_cells(file: FoamFile, position_m: Floats, cells: Labels, mesh: Mesh) -> None:
+    """Refuses parcels outside the cells that they state, as if the mesh was renumbered since.
+
+    Equal numbers of all parcels, as other programs may write them, state nothing.
+    """
+    if not len(cells) or cells.min() == cells.max():
+        return
+    _check_numbers(file, "cell", cells, mesh.cells)
+    distinct, at = np.unique(cells, return_inverse=True)
+    cell = mesh.measure(distinct)
+    slack = WRITTEN * float(np.ptp(np.array(mesh.extent_m), axis=0).max())
+    low, high = cell.lower_m[at] - slack, cell.upper_m[at] + slack
+    outside = np.any((position_m < low) | (position_m > high), axis=1)
+    if 2 * outside.sum() > len(cells):
+        bad = int(np.argmax(outside))
+        raise file.fail(
+            f"{int(outside.sum())} of {len(cells)} parcels lie outside the cells that they state, "
+            f"such as parcel {bad} outside cell {cells[bad]}: mesh, fields and parcels have "
+            "different numbers of the cells; keep the mesh of this time"
+        )
+
+
+def _check_numbers(file: FoamFile, kind: str, numbers: Labels, end: int) -> None:
+    if numbers.size and (numbers.min() < 0 or numbers.max() >= end):
+        raise file.fail(f"a parcel in {kind} {numbers.max()}, but the mesh has {end}")
+
+
 def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     """Positions (N, 3) of parcels in barycentric coordinates.
 
@@ -80,10 +109,8 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     """
     weights = rows[:, :4]
     cell, face, turn = as_integers(file, rows[:, 4:]).T
-    faces = len(mesh.owner)
-    for kind, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
-        if label.size and (label.min() < 0 or label.max() >= end):
-            raise file.fail(f"a parcel in {kind} {label.max()}, but the mesh has {end}")
+    _check_numbers(file, "cell", cell, mesh.cells)
+    _check_numbers(file, "face", face, len(mesh.owner))
     size = mesh.start[face + 1] - mesh.start[face]
     owned = mesh.owner[face] == cell
     if not np.all(owned | (mesh.neighbour[face] == cell)):

@@ -12,7 +12,7 @@ from tests.unit.cfd.conftest import Form, write_case
 from tests.unit.cfd.formats.conftest import WRITERS
 from tests.unit.cfd.formats.test_amrex import Plot
 from tests.unit.cfd.formats.test_fluent import MAPPING, write_dpm, write_fluent
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
+from tests.unit.cfd.vtkfiles import block_grid, cloud_data, save
 
 
 def write_hdf(file: Path, blocks: dict[str, Any]) -> Path:

@@ -25,7 +25,7 @@ from tests.unit.cfd.composites import (
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_converge
 from tests.unit.cfd.reading import notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts
+from tests.unit.cfd.vtkfiles import block_grid, cloud_data, mark_ghosts
 
 
 def masses(path: Path, **keys: Any) -> tuple[float, float]:

@@ -20,8 +20,7 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_converge
 from tests.unit.cfd.reading import notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, save, vtk_array
-from tests.unit.cfd.vtkfiles import pvd
+from tests.unit.cfd.vtkfiles import block_grid, cloud_data, pvd, save, vtk_array
 
 SET: dict[str, Any] = {"nozzle_m": (0.0, 0.0, 0.0), "axis": "+z"}
 MANY = 200

@@ -20,8 +20,7 @@ from cldit.scene.values import time_of
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import notes_of, read, refused
 from tests.unit.cfd.seriescases import NOZZLE, write_times
-from tests.unit.cfd.test_vtk import block_grid, save
-from tests.unit.cfd.vtkfiles import pieces
+from tests.unit.cfd.vtkfiles import block_grid, pieces, save
 
 CLOUD = "0.001/lagrangian/sprayCloud"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.unit.cfd.conftest import foam
-from tests.unit.cfd.reading import notes_of, read
+from tests.unit.cfd.reading import notes_of, read, refused
 
 NOZZLE = (0.5e-3, 9e-3, 0.1e-3)
 AVOGADRO_MOL = 6.02214076e23
@@ -148,3 +148,17 @@ def test_uniform_lists_of_a_cloud(tmp_path: Path) -> None:
     assert spray.parcels is not None
     assert spray.parcels.density_kg_m3.tolist() == [612.5] * 17
     assert spray.notes["axis_y"] == -1.0
+
+
+@pytest.mark.parametrize("shift", [0, 7])
+def test_parcels_lie_in_the_cells_that_they_state(tmp_path: Path, shift: int) -> None:
+    """Cells with other numbers, as of a mesh that was renumbered without its fields."""
+    block, _, cloud = foam.sample()
+    case = foam.case(tmp_path)
+    cells = (block.barycentric(cloud["position"])[1][:, :1] + shift) % block.cells
+    file = case / "0.001/lagrangian/sprayCloud/positions"
+    foam.form().write(file, "Cloud", foam.form().records(cloud["position"], cells))
+    if shift:
+        refused(case, r"positions: 1\d of 17 parcels lie outside the cells that they state")
+    else:
+        assert notes_of(case)["parcels"] == 17

@@ -15,13 +15,17 @@ pytest.importorskip("vtkmodules")
 
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts, save, stamped
 from tests.unit.cfd.vtkfiles import (
+    block_grid,
+    cloud_data,
     collection,
     gas_file,
+    mark_ghosts,
     parcels_file,
     pieces,
     pvd,
+    save,
+    stamped,
     vertices,
 )
 
@@ -227,7 +231,7 @@ def test_point_data_keep_the_mass(tmp_path: Path, density: bool) -> None:
     gas_constant, air_kg_mol = 8.31446261815324, 0.02885
     points["rho"] = points["p"] * air_kg_mol / (gas_constant * points["T"])
     grid = block_grid(block, {})
-    from tests.unit.cfd.test_vtk import vtk_array
+    from tests.unit.cfd.vtkfiles import vtk_array
 
     for name, values in points.items():
         if density or name != "rho":

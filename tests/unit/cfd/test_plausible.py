@@ -21,8 +21,7 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_tables
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, save
-from tests.unit.cfd.vtkfiles import pvd
+from tests.unit.cfd.vtkfiles import block_grid, pvd, save
 
 
 def ideal(block: Any, gas: dict[str, Any]) -> dict[str, Any]:

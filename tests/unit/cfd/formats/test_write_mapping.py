@@ -17,7 +17,7 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_converge
 from tests.unit.cfd.reading import read
-from tests.unit.cfd.test_vtk import block_grid, save, vtk_array
+from tests.unit.cfd.vtkfiles import block_grid, save, vtk_array
 
 
 def test_draft_of_an_openfoam_case(tmp_path: Path) -> None:
