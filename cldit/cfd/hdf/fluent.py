@@ -32,7 +32,6 @@ _UNREAD = {
     "meshes/1/cells/tree": "an adapted mesh with hanging nodes",
     "meshes/1/faces/interface": "a mesh with interfaces",
 }
-_OTHER_PHASES = {f"phase-{number}" for number in range(2, 100)}
 _WAY = "in Fluent, File > Export > EnSight Case Gold"
 _MESH, _CELLS = "meshes/1", "results/1/phase-1/cells"
 
@@ -59,7 +58,8 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         watch("reading the mesh", 0, 1)
         mesh = _mesh(case, mesh_group, cells)
     with open_hdf(data) as file:
-        if phases := sorted(set(_group(data, file, "results/1")) & _OTHER_PHASES):
+        groups = sorted(_group(data, file, "results/1"))
+        if phases := [name for name in groups if re.fullmatch(r"phase-(?!1$)\d+", name)]:
             raise SprayError(f"{data}: {', '.join(phases)} in addition to phase-1; {_WAY}")
         held = _group(data, file, _CELLS)
         fields = _fields(held)

@@ -161,18 +161,6 @@ def test_a_mesh_in_another_file(tmp_path: Path) -> None:
     refused(path, r"mesh\.cgns")
 
 
-def test_dimensions_of_another_quantity(tmp_path: Path) -> None:
-    path = write_cgns(tmp_path / "a.cgns", foam.sample())
-    for powers in ([1, -1, -2, 0, 0], [0, 2, -2, 0, 0]):
-        with h5py.File(path, "a") as file:
-            field = file[f"{ZONE}/Solution/Pressure"]
-            field.pop("DimensionalExponents", None)
-            node(field, "DimensionalExponents", "DimensionalExponents_t", powers)
-        if powers[0]:
-            read(path)
-    refused(path, r"Pressure: cells\.pressure: unit '\[0, 2, -2, 0, 0\]' is")
-
-
 @pytest.mark.parametrize("new", [True, False])
 def test_streams_of_converge(tmp_path: Path, new: bool) -> None:
     """A solid stream has no fuel, and is left out by name; two files of a time are an error."""

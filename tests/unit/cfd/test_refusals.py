@@ -94,6 +94,32 @@ def record(edit: Callable[[list[str]], None]) -> Change:
     return change
 
 
+def dimensions(powers: str, *, last: bool = False) -> Change:
+    """Dimensions of a field of OpenFOAM, before or behind its values."""
+
+    def change(file: Path) -> None:
+        before, after = re.split(r"dimensions \[[^\]]*\];", file.read_text())
+        entry = f"dimensions [{powers}];"
+        file.write_text(f"{before}{after}{entry}" if last else f"{before}{entry}{after}")
+
+    return change
+
+
+def field(code: str) -> Change:
+    """A field of OpenFOAM with these entries alone."""
+    return lambda file: foam.form().write(file, "volScalarField", code.encode())
+
+
+def exponents(powers: list[int]) -> Change:
+    place = f"{ZONE}/Solution/Pressure"
+    label = "DimensionalExponents_t"
+    return hdf(lambda root: node(root[place], "DimensionalExponents", label, powers))
+
+
+def units(name: str, unit: str) -> Change:
+    return hdf(lambda root: root[name].attrs.__setitem__("Units", unit))
+
+
 def located(time: str) -> Change:
     """Time that the header of an OpenFOAM file states."""
     return text("version", f'location "{time}/x"; version')
@@ -144,6 +170,7 @@ FOAM: list[Row] = [
     ("0.001/C7H16", first("1.2"), "C7H16: 1.2 .* it must be the mass fraction"),
     ("0.001/rho", first("inf"), r"0.001/rho: inf \(entry 0\) is outside 0..2000"),
     (f"{CLOUD}/d", first("9"), "sprayCloud/d: 9 .* diameter of a droplet in metres"),
+    (f"{CLOUD}/positions", located("0.0005"), r"positions: states the time 0\.0005, .*0\.001 the"),
     (f"{CLOUD}/d", located("0.0005"), r"sprayCloud/d: states the time 0\.0005, .*0\.001 the time"),
     (f"{CLOUD}/nParticle", first("-1"), "sprayCloud/nParticle: -1 "),
     (f"{CLOUD}/T", first("1e5"), r"sprayCloud/T: 100000 \(entry 0\) .*in K"),
@@ -160,6 +187,26 @@ FOAM: list[Row] = [
     ("constant/polyMesh/points", pattern(POINT, b"\n(\n(nan 0 0)"), "a point of the mesh"),
     # a corner pulled out of place leaves a cell that is crooked, not open
     ("constant/polyMesh/points", pattern(POINT, b"\n(\n(9 9 9)"), ""),
+]
+FOAM += [
+    (f"0.001/{name}", dimensions(powers, last=last), f"/{name}: cells.{message}")
+    for name, powers, message in (
+        ("p", "0 2 -2 0 0 0 0", r"pressure: unit '\[0 2 -2 0 0 0 0\]' is unknown; allow"),
+        ("C7H16", "1 -3 0 0 0 0 0", r"fuel: unit 'kg/m3' is unknown; allowed: 1"),
+        ("rho", "0 0 0 0 0 0 0", r"density: unit '1' is unknown; allowed: kg/m3"),
+        ("T", "0 0 0 0 0", r"temperature: unit '1' is unknown; allowed: K"),
+    )
+    for last in (False, True)
+]
+FOAM += [
+    ("0.001/T", field(code), message)
+    for code, message in (
+        ("internalField uniform $T0;", r"0\.001/T: the macro \$T0 has no entry above it"),
+        ("T0 $T0; internalField uniform $T0;", r"the macro \$T0 names itself"),
+        ('#include "none"\ninternalField uniform $T0;', r'"none", which it includes, is missing'),
+        ("inside { internalField uniform 690; }", r"0\.001/T: has no internalField"),
+        ('internalField uniform #calc "1+2";', "T: internalField is .uniform #calc.*foamDict"),
+    )
 ]
 FOAM_BINARY: list[Row] = [
     ("0.001/T", pattern(rb"\n24\n?\(", b"\n("), "T: a binary list without its length"),
@@ -210,12 +257,13 @@ CONVERGE: list[Row] = [
     (POST, array(f"{STREAM}/PARCEL_DATA/PARCEL_Z"), "PARCEL_Z is missing"),
     (POST, array(f"{STREAM}/PARCEL_DATA/TEMP", [[300.0]]), "TEMP: no list of numbers"),
     (POST, unwritten(f"{STREAM}/PARCEL_DATA/NUM_DROP"), "NUM_DROP: was never written"),
-    *(
-        (POST, hdf(lambda root, name=name: root[name].attrs.__setitem__("Units", "mm")), message)
-        for name, message in (
-            (f"{STREAM}/VERTEX_COORDINATES/X", "COORDINATES/X: is in mm; expected: m"),
-            (f"{STREAM}/PARCEL_DATA/PARCEL_X", "PARCEL_X: is in mm; expected: m"),
-        )
+    (POST, units(f"{STREAM}/VERTEX_COORDINATES/X", "mm"), "COORDINATES/X: is in mm; expected: m"),
+    (POST, units(f"{STREAM}/PARCEL_DATA/PARCEL_X", "mm"), "PARCEL_X: is in mm; expected: m"),
+    (POST, units(f"{STREAM}/CELL_CENTER_DATA/PRESSURE", "m"), "PRESSURE: .*unit 'm' is unknown"),
+    (
+        POST,
+        lambda file: (file.write_bytes(file.read_bytes() + b"more"), None)[1],
+        "its head states",
     ),
 ]
 UNITS = b"Kilogram".ljust(32) + b"Foot".ljust(32)
@@ -226,6 +274,12 @@ CGNS: list[Row] = [
     ("a.cgns", cgns_node("Solution/Rind", "Rind_t", b"\0\1"), "has ghost cells"),
     ("a.cgns", cgns_node("More", "Elements_t", b"\x12\0"), "elements of type 18; allowed:"),
     ("a.cgns", cgns_node("Solution/GridLocation", "GridLocation_t", b"FaceCenter"), "at FaceCente"),
+    ("a.cgns", exponents([1, -1, -2, 0, 0]), ""),
+    (
+        "a.cgns",
+        exponents([0, 2, -2, 0, 0]),
+        r"Pressure: cells\.pressure: unit '\[0, 2, -2, 0, 0\]'",
+    ),
     ("a.cgns", hdf(two_times), "2 times in it"),
     ("a.cgns", GRIDS, "2 sets of coordinates, of a mesh that moves"),
     ("a.cgns", unwritten(f"{ZONE}/Solution/Pressure/ data"), "Pressure/ data: was never written"),
