@@ -14,14 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
-from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud
+from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud, choose_file
 from cldit.cfd.inputs import HEAD_BYTES, Size, check_room, regular, text_of
-from cldit.cfd.mapping.columns import Fields, mapped_cloud
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas, mapped_cloud
 from cldit.cfd.mapping.file import ColumnMap, ParcelColumns
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.mesh.elements import BoxMesh
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.times import choose_file
 from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 from cldit.io.files import open_regular

@@ -9,7 +9,7 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd import one_state
-from cldit.cfd.case import NO_CLOUD, CfdCase, triple
+from cldit.cfd.case import NO_CLOUD, CfdCase, choose_time, time_remarks, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
 from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels, with_molar_mass
@@ -27,7 +27,6 @@ from cldit.cfd.plausible import (
     only,
 )
 from cldit.cfd.sectors import Pose, completed_parcels, copies
-from cldit.cfd.times import choose_time, time_remarks
 from cldit.cfd.tolerances import SLACK
 from cldit.constants import AVOGADRO_PER_MOL, GAS_CONSTANT_J_mol_K
 from cldit.errors import NoFuel, NotAtThisTime, SprayError

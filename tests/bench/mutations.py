@@ -127,7 +127,7 @@ MUTATIONS = (
     # cfd: parcels outside, a weight, a copy, bytes
     row("cldit/cfd/plausible.py", "slack = WRITTEN * float(", "slack = 1e-1 * float(",
         "unit/cfd"),
-    row("cldit/cfd/mesh_parts.py", "weight = pressure / temperature",
+    row("cldit/cfd/mapping/columns.py", "weight = pressure / temperature",
         "weight = pressure * temperature",
         "unit/cfd"),
     row("cldit/cfd/sectors.py", "(parcels.position_m - origin) @ rotation.T",

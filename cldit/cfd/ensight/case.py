@@ -10,14 +10,22 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
+from cldit.cfd.case import (
+    NO_CLOUD,
+    CfdCase,
+    Cloud,
+    Column,
+    Listing,
+    choose_cloud,
+    choose_file,
+    choose_time,
+    only_claimant,
+)
 from cldit.cfd.ensight.file import Item, Reader, read_case_file
 from cldit.cfd.ensight.geometry import corner_mean, read_geometry, read_variable
 from cldit.cfd.inputs import Size, check_room
-from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
+from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud, with_point_fields
 from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
-from cldit.cfd.mesh_parts import with_point_fields
-from cldit.cfd.times import choose_file, choose_time
 from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 from cldit.io.files import open_regular

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
-from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
+from cldit.cfd.case import CaseTime, CfdCase, Column, Listing, refuse_cloud, stated_time
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, nodes_in, open_hdf
 from cldit.cfd.inputs import Size, check_room, regular
+from cldit.cfd.mapping.columns import MeshPart, join_gas
 from cldit.cfd.mapping.file import SI_UNITS, ColumnMap
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.elements import ElementMesh, block_corners
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.times import CaseTime, stated_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
+from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant, stated_time
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, unit_of
 from cldit.cfd.inputs import Size, check_room
-from cldit.cfd.mapping.columns import Fields, mapped_cloud
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas, mapped_cloud
 from cldit.cfd.mapping.file import (
     CellColumns,
     ColumnMap,
@@ -26,8 +26,6 @@ from cldit.cfd.mapping.file import (
     spelled,
 )
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.times import stated_time
 from cldit.errors import EmptyCloud, SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray

@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
+from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud, stated_time
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
 from cldit.cfd.inputs import Size, check_room
-from cldit.cfd.mapping.columns import Fields
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas
 from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.times import stated_time
 from cldit.errors import SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, choose_time
 from cldit.cfd.inputs import HEAD_BYTES, Size, check_room
-from cldit.cfd.mapping.columns import Fields, joined_cloud
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas, joined_cloud
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh.faces import Mesh
-from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
 from cldit.cfd.openfoam.dictionaries import (
     case_injectors,
@@ -34,7 +33,6 @@ from cldit.cfd.openfoam.regions import (
     regions,
     time_folders,
 )
-from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch

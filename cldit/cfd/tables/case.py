@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud, stated_time
 from cldit.cfd.inputs import Size, check_room
 from cldit.cfd.mapping.columns import Source, cloud_columns, gas_columns
 from cldit.cfd.mapping.file import (
@@ -20,7 +20,6 @@ from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.names import TIME, is_mark, normalised
 from cldit.cfd.one_state import check_marks
 from cldit.cfd.tables.text import TextTable, dpm_columns, dpm_names
-from cldit.cfd.times import stated_time
 from cldit.cfd.unknown_kinds import refuse_unknown
 from cldit.errors import SprayError
 from cldit.io.files import open_regular

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
-from cldit.cfd.mapping.columns import joined_cloud
+from cldit.cfd.mapping.columns import MeshPart, join_gas, joined_cloud
 from cldit.cfd.mapping.file import (
     PARCEL_NAMES,
     ColumnMap,
@@ -18,7 +18,6 @@ from cldit.cfd.mapping.file import (
     merged,
     without_unit,
 )
-from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, time_value, vtk_mesh
 from cldit.cfd.vtk.layout import Layout, find_layout
 from cldit.cfd.vtk.reading import Choose, Loaded, nothing

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
-from cldit.cfd.case import NO_CLOUD, only_claimant
+from cldit.cfd.case import NO_CLOUD, CaseTime, choose_time, only_claimant
 from cldit.cfd.hdf.arrays import hdf_files
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.one_state import hashes
-from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.tolerances import ROUNDED
 from cldit.cfd.vtk.collections import Entry, without_step
 from cldit.cfd.vtk.composite import COMPOSITE

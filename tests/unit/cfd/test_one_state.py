@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.cfd.case import choose_times
 from cldit.cfd.formats import read_case
 from cldit.cfd.openfoam.file import read_foam
 from cldit.cfd.openfoam.lists import scalars, vectors
 from cldit.cfd.orientation import find_frame, with_one_frame
-from cldit.cfd.times import choose_times
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import EmptyCloud, NoFuel, NotAtThisTime, SprayError
 from cldit.scene.spray import CfdSpray

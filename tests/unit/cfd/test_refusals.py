@@ -46,9 +46,20 @@ def first(number: str) -> Change:
     return pattern(FIRST, f"\n(\n{number}\n".encode())
 
 
+def content(edit: Callable[[bytes], bytes]) -> Change:
+    def change(file: Path) -> None:
+        file.write_bytes(edit(file.read_bytes() if file.exists() else b""))
+
+    return change
+
+
 def cut(count: int) -> Change:
     """Removes the last bytes."""
-    return lambda file: (file.write_bytes(file.read_bytes()[:-count]), None)[1]
+    return content(lambda whole: whole[:-count])
+
+
+def xml(inside: str) -> Change:
+    return content(lambda _: f"<VTKFile>{inside}".encode())
 
 
 def hdf(edit: Callable[[Any], object]) -> Change:
@@ -143,10 +154,6 @@ def two_times(root: Any) -> None:
     )
 
 
-def unpacked(file: Path) -> None:
-    file.write_bytes(gzip.decompress(file.read_bytes()))
-
-
 POINT = rb"\n\(\(?\n?\([^)]+\)"
 FOAM: list[Row] = [
     ("0.001/T", gone, "0.001: no cell field 'T'; it has: C7H16, p, rho"),
@@ -214,7 +221,7 @@ FOAM_BINARY: list[Row] = [
     ("0.001/T", text("scalar=64", "scalar=32"), "0.001/T"),
     (f"{CLOUD}/positions", text("label=32", "label=64"), f"{CLOUD}/positions"),
 ]
-FOAM_GZ: list[Row] = [("0.001/T.gz", unpacked, r"0\.001/T\.gz: cannot be read")]
+FOAM_GZ: list[Row] = [("0.001/T.gz", content(gzip.decompress), r"0\.001/T\.gz: cannot be read")]
 BARYCENTRIC: list[Row] = [
     (f"{CLOUD}/coordinates", record(edit), f"{CLOUD}/coordinates: .*{message}")
     for edit, message in (
@@ -262,7 +269,7 @@ CONVERGE: list[Row] = [
     (POST, units(f"{STREAM}/CELL_CENTER_DATA/PRESSURE", "m"), "PRESSURE: .*unit 'm' is unknown"),
     (
         POST,
-        lambda file: (file.write_bytes(file.read_bytes() + b"more"), None)[1],
+        content(lambda whole: whole + b"more"),
         "its head states",
     ),
 ]
@@ -285,7 +292,7 @@ CGNS: list[Row] = [
     ("a.cgns", unwritten(f"{ZONE}/Solution/Pressure/ data"), "Pressure/ data: was never written"),
     (
         "a.cgns",
-        lambda file: (file.write_bytes(b"ADF Database" + bytes(99)), None)[1],
+        content(lambda _: b"ADF Database" + bytes(99)),
         "CGNS in ADF",
     ),
 ]
@@ -316,7 +323,7 @@ DOUBLE, SINGLE = "64 11 52 0 1 12 0 1023", "32 8 23 0 1 9 0 127"
 AMREX: list[Row] = [
     (
         "Header",
-        lambda f: (f.write_bytes(f.read_bytes()[:60]), None)[1],
+        content(lambda whole: whole[:60]),
         "Header: is damaged or trun",
     ),
     ("Level_0/Cell_H", text("\n5\n", "\n4\n"), "4 components, 5 in the Header"),
@@ -334,13 +341,13 @@ AMREX: list[Row] = [
     ("particles/Level_0/DATA_00000", cut(8), r"DATA_00000: .*3512 bytes, but 40 particles"),
 ]
 COLLECTION: list[Row] = [
-    ("all.vtm", lambda f, xml=xml: (f.write_text(xml), None)[1], rf"all\.vtm.*{message}")
-    for xml, message in (
-        ("<VTKFile><vtkMultiBlockDataSet>", "is damaged or truncated"),
-        ("<VTKFile></VTKFile>", "names no file"),
-        ('<VTKFile><DataSet file="none.vtu"/></VTKFile>', r"names .*none\.vtu, which is missing"),
-        ('<VTKFile><DataSet file="all.vtm"/></VTKFile>', "names itself"),
-        ('<VTKFile><DataSet file="a.xyz"/></VTKFile>', r"names .*a\.xyz, of a kind that is not"),
+    ("all.vtm", xml(inside), rf"all\.vtm.*{message}")
+    for inside, message in (
+        ("<vtkMultiBlockDataSet>", "is damaged or truncated"),
+        ("</VTKFile>", "names no file"),
+        ('<DataSet file="none.vtu"/></VTKFile>', r"names .*none\.vtu, which is missing"),
+        ('<DataSet file="all.vtm"/></VTKFile>', "names itself"),
+        ('<DataSet file="a.xyz"/></VTKFile>', r"names .*a\.xyz, of a kind that is not"),
     )
 ]
 OFFSETS = "VTKHDF/Steps/CellDataOffsets/C7H16"

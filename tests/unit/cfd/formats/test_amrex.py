@@ -12,6 +12,7 @@ import pytest
 from cldit.cfd.importing import list_case
 from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
+from cldit.cfd.vtk.datasets import as_numpy
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.reading import notes_of, read, refused
@@ -230,43 +231,37 @@ def test_other_values_than_its_lists_state(tmp_path: Path, mapping: Path) -> Non
 def test_as_vtk_reads_it(tmp_path: Path, mapping: Path) -> None:
     """vtk's readers of the same plotfile: cells of each level that no finer ones cover."""
     amr: Any = pytest.importorskip("vtkmodules.vtkIOAMR")
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    def numbers(data: Any, name: str) -> np.ndarray[Any, Any]:
-        convert: Any = vtk_to_numpy
-        return np.asarray(convert(data.GetArray(name)))
-
     case = Plot().write(tmp_path / "plt00007")
+
+    def leaves(reader: Any) -> list[Any]:
+        reader.Update()
+        parts, data = [], reader.GetOutputDataObject(0).NewIterator()
+        while not data.IsDoneWithTraversal():
+            parts.append(data.GetCurrentDataObject())
+            data.GoToNextItem()
+        return parts
+
     reader = amr.vtkAMReXGridReader()
     reader.SetFileName(str(case))
     reader.UpdateInformation()
     reader.SetMaxLevel(1)
     for part in range(reader.GetNumberOfCellArrays()):
         reader.SetCellArrayStatus(reader.GetCellArrayName(part), 1)
-    reader.Update()
-    found, vapour = reader.GetOutputDataObject(0), 0.0
-    every = found.NewIterator()
-    while not every.IsDoneWithTraversal():
-        grid = every.GetCurrentDataObject()
-        cells = grid.GetCellData()
-        shown = numbers(cells, "vtkGhostType") == 0
-        mass = numbers(cells, "density") * numbers(cells, "Y(NC7H16)") * shown
-        vapour += mass.sum() * np.prod(grid.GetSpacing())
-        every.GoToNextItem()
+    vapour = liquid = 0.0
+    for grid in leaves(reader):
+        names = ("density", "Y(NC7H16)", "vtkGhostType")
+        density, fuel, ghost = (as_numpy(grid.GetCellData().GetArray(name)) for name in names)
+        vapour += np.sum(density * fuel * (ghost == 0)) * np.prod(grid.GetSpacing())
     reader = amr.vtkAMReXParticlesReader()
     reader.SetPlotFileName(str(case))
     reader.SetParticleType("particles")
     reader.UpdateInformation()
     reader.GetPointDataArraySelection().EnableAllArrays()
-    reader.Update()
-    found, liquid = reader.GetOutputDataObject(0), 0.0
-    every = found.NewIterator()
-    while not every.IsDoneWithTraversal():
-        if every.GetCurrentDataObject().GetNumberOfPoints():
-            drops = every.GetCurrentDataObject().GetPointData()
-            number, size = numbers(drops, "number_density"), numbers(drops, "diam")
+    for cloud in leaves(reader):
+        if cloud.GetNumberOfPoints():
+            names = ("number_density", "diam")
+            number, size = (as_numpy(cloud.GetPointData().GetArray(name)) for name in names)
             liquid += 684 * np.pi / 6 * np.sum(number * size**3)
-        every.GoToNextItem()
     notes = notes_of(case, mapping=mapping, **PLACE)
     assert notes["vapour_mass_kg"] == pytest.approx(vapour, rel=1e-12)
     assert notes["liquid_mass_kg"] == pytest.approx(liquid, rel=1e-12)

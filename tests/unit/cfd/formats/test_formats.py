@@ -144,7 +144,8 @@ def test_sheared_cells_and_earlier_time(tmp_path: Path) -> None:
 
 def output_of(reader: Any, file: Path) -> Any:
     """Output of one of vtk's readers."""
-    getattr(reader, "SetCaseFileName", getattr(reader, "SetFileName", None))(str(file))
+    case = hasattr(reader, "SetCaseFileName")
+    (reader.SetCaseFileName if case else reader.SetFileName)(str(file))
     reader.UpdateInformation()
     for name in ("EnableAllCellArrays", "EnableAllPatchArrays"):
         getattr(reader, name, lambda: None)()
