@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -100,34 +99,6 @@ def test_corners_of_cgns(
     file = write_elements(tmp_path / "a.cgns", kind, np.array(corners) * 0.01)
     mesh = read_case(CfdSpray(file=file)).mesh
     assert mesh.measure(np.arange(1)).volume_m3 == pytest.approx([volume * 1e-6], rel=1e-12, abs=0)
-
-
-@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf"])
-def test_no_such_file(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(b"ADF Database Version A02011" + bytes(100))
-    refused(tmp_path / name, r"CGNS in ADF|cannot be read as HDF5")
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
-@pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf", "a.cas.h5", "a.dpm"])
-def test_pipes_keep_nobody_waiting(tmp_path: Path, name: str) -> None:
-    os.mkfifo(tmp_path / name)
-    (tmp_path / "a.dat.h5").write_bytes(b"")
-    case = tmp_path / name
-    if name.endswith(".dpm"):
-        case = tmp_path / "case.yaml"
-        case.write_text(f"cells: {{file: {name}, position: [x, y, z], volume: v}}")
-    refused(case, "pipe")
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
-@pytest.mark.parametrize("place", ["constant/polyMesh/owner", "0.001/T"])
-@pytest.mark.parametrize("ending", ["", ".gz"])
-def test_pipes_in_a_case_of_openfoam(tmp_path: Path, place: str, ending: str) -> None:
-    case = foam.case(tmp_path)
-    (case / place).unlink()
-    os.mkfifo(case / f"{place}{ending}")
-    refused(case, "pipe")
 
 
 def test_parcels_that_a_converter_left_out(tmp_path: Path) -> None:

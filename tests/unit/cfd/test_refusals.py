@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -51,6 +52,11 @@ def content(edit: Callable[[bytes], bytes]) -> Change:
         file.write_bytes(edit(file.read_bytes() if file.exists() else b""))
 
     return change
+
+
+def pipe(file: Path) -> None:
+    file.unlink()
+    os.mkfifo(file)
 
 
 def cut(count: int) -> Change:
@@ -154,6 +160,11 @@ def two_times(root: Any) -> None:
     )
 
 
+def open_pmd(root: Any) -> None:
+    del root["STREAM_00"]
+    root.attrs["openPMD"] = "1.1.0"
+
+
 POINT = rb"\n\(\(?\n?\([^)]+\)"
 FOAM: list[Row] = [
     ("0.001/T", gone, "0.001: no cell field 'T'; it has: C7H16, p, rho"),
@@ -253,6 +264,8 @@ ENSIGHT: list[Row] = [
 POST = "post000002_1.000000e-03.h5"
 STREAM = "STREAM_00"
 CONVERGE: list[Row] = [
+    (POST, array(STREAM), "no STREAM_00, so no post file of CONVERGE"),
+    (POST, hdf(open_pmd), "is openPMD, which is not read; convert fields"),
     (POST, array(f"{STREAM}/CELL_CENTER_DATA/TEMPERATURE"), "no cell field 'T'; it has: DENSITY"),
     (POST, array(f"{STREAM}/VERTEX_COORDINATES/Y", [0.0]), "COORDINATES/Y: 1 values, expected 60"),
     (
@@ -352,6 +365,7 @@ COLLECTION: list[Row] = [
 ]
 OFFSETS = "VTKHDF/Steps/CellDataOffsets/C7H16"
 STEPS: list[Row] = [
+    ("a.vtkhdf", content(lambda _: bytes(99)), "a.vtkhdf: cannot be read as HDF5"),
     ("a.vtkhdf", array(OFFSETS, [0, 0]), r"C7H16: 24 of 48 rows belong to no step"),
     *(
         ("a.vtkhdf", array("VTKHDF/Steps/Values", times), r"times \[.*\] of the steps do not rise")
@@ -372,6 +386,21 @@ TABLE: dict[str, list[Row]] = {
     "vtm": COLLECTION,
     "vtkhdf-steps": STEPS,
 }
+
+
+PIPES = [  # at which a reader would wait
+    ("openfoam", "constant/polyMesh/owner", "owner: is missing"),
+    ("openfoam", "0.001/T", "no cell field 'T'"),
+    ("openfoam-gz", "constant/polyMesh/owner.gz", "owner: is missing"),
+    ("openfoam-gz", "0.001/T.gz", "no cell field 'T'"),
+    ("cgns", "a.cgns", r"a\.cgns: .*pipe"),
+    ("vtkhdf-steps", "a.vtkhdf", r"a\.vtkhdf: .*pipe"),
+    ("fluent-dpm", "run.cas.h5", r"run\.cas\.h5: .*pipe"),
+    ("fluent-dpm", "drops.dpm", r"drops\.dpm: .*pipe"),
+]
+if hasattr(os, "mkfifo"):
+    for kind, name, message in PIPES:
+        TABLE[kind].append((name, pipe, message))
 
 
 @pytest.mark.parametrize(

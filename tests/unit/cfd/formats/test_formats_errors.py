@@ -145,11 +145,3 @@ def test_other_programs_by_name(tmp_path: Path, names: list[str], message: str) 
         (tmp_path / name).write_bytes(b"x")
     with pytest.raises(SprayError, match=message):
         read_cfd(CfdSpray(file=(tmp_path / names[0]).parent))
-
-
-def test_openpmd_by_name(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "data.h5", "w") as file:
-        file.attrs["openPMD"] = "1.1.0"
-    with pytest.raises(SprayError, match="is openPMD, which is not read; convert fields"):
-        read_cfd(CfdSpray(file=tmp_path / "data.h5"))
