@@ -140,8 +140,8 @@ def _refuse_missing(scene: Scene) -> None:
     spray = scene.spray
     if not isinstance(spray, CfdSpray) or not scene.plan.delays_s:
         return
+    from cldit.cfd.case import choose_time
     from cldit.cfd.formats import contents  # loads VTK
-    from cldit.cfd.times import choose_time
 
     case_times_s = contents(spray).times_s
     for delay_s in scene.plan.delays_s if case_times_s else ():

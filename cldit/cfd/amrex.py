@@ -14,15 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
-from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud, only_claimant
-from cldit.cfd.inputs import HEAD_BYTES, regular, text_of
-from cldit.cfd.mapping.columns import Fields, mapped_cloud
+from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud, choose_file
+from cldit.cfd.inputs import HEAD_BYTES, Size, check_room, regular, text_of
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas, mapped_cloud
 from cldit.cfd.mapping.file import ColumnMap, ParcelColumns
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.mesh.elements import BoxMesh
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import choose_time
 from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
@@ -139,8 +136,7 @@ def _chosen(spec: CfdSpray) -> tuple[list[float], Path]:
     by_time: dict[float, list[Path]] = {}
     for path in plotfiles(spec.file):
         by_time.setdefault(_head(path)[1], []).append(path)
-    time = choose_time(str(spec.file), by_time, spec.time_s)
-    return list(by_time), only_claimant(f"time {time:g}", by_time[time])
+    return list(by_time), choose_file(str(spec.file), by_time, spec.time_s)[1]
 
 
 def _clouds(path: Path) -> dict[str, Path]:
@@ -224,8 +220,10 @@ def _grids(file: Path, components: int, size_m: Floats, low_m: AnyFloats) -> lis
 def _cover(level: list[_Grid], finer: list[_Grid]) -> None:
     """Marks the cells of a level that boxes of the next one cover."""
     ratio = np.rint(level[0].size_m / finer[0].size_m).astype(np.int64)
-    low = np.array([grid.low for grid in finer]) // ratio
-    high = np.array([grid.high for grid in finer]) // ratio
+    lows, ends = (np.array([getattr(grid, end) for grid in finer]) for end in ("low", "high"))
+    low, high = lows // ratio, ends // ratio
+    if np.any(lows % ratio) or np.any((ends + 1) % ratio):
+        raise _damaged(finer[0].data[0].parent / "Cell_H", "boxes that cover parts of coarse cells")
     for grid in level:
         kept = grid.kept.reshape((grid.high - grid.low + 1)[::-1])
         for over in np.flatnonzero(np.all((low <= grid.high) & (high >= grid.low), axis=1)):

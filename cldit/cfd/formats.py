@@ -19,7 +19,7 @@ from cldit.cfd.mapping.file import (
     read_column_map,
 )
 from cldit.cfd.openfoam.case import list_openfoam, read_openfoam
-from cldit.cfd.openfoam.injectors import case_injectors
+from cldit.cfd.openfoam.dictionaries import case_injectors
 from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
 from cldit.cfd.tables.case import list_tables, read_tables, table_cloud
 from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown

@@ -17,7 +17,7 @@ from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
 from cldit.cfd.names import IDENTITY, TIME, is_mark, normalised
-from cldit.cfd.parcels import only
+from cldit.cfd.plausible import only
 from cldit.cfd.tolerances import ROUNDED, SLACK, WRITTEN
 from cldit.errors import SprayError
 
@@ -138,7 +138,7 @@ def _check_summary(cloud: Cloud) -> None:
 
 
 _TIMES_IN = 10  # times of which other columns than identities tell
-_MOST_PAIRS = 0.95  # of pairs of rows that must have a property of one parcel at two times
+_MOST_PAIRS = 1.0 - 1.0 / _FEW  # that must have a property of one parcel at two times
 _SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injected together
 
 

@@ -9,23 +9,24 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd import one_state
-from cldit.cfd.case import NO_CLOUD, CfdCase, triple
+from cldit.cfd.case import NO_CLOUD, CfdCase, choose_time, time_remarks, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
 from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels, with_molar_mass
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
-from cldit.cfd.parcels import check_parcels, farthest_m, only
 from cldit.cfd.plausible import (
     SECOND,
     assumptions,
     check_one_liquid,
+    check_parcels,
     check_totals,
+    farthest_m,
     freezing_K,
     gas_remarks,
     is_fuel,
+    only,
 )
 from cldit.cfd.sectors import Pose, completed_parcels, copies
-from cldit.cfd.times import choose_time, time_remarks
 from cldit.cfd.tolerances import SLACK
 from cldit.constants import AVOGADRO_PER_MOL, GAS_CONSTANT_J_mol_K
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
@@ -206,6 +207,14 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     stored = _within(case, spec.fuel_field, low=-SLACK, high=1.0 + SLACK, hint=hint)
     fraction = stored.astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
+    coldest_K = freezing_K(spec)
+    if (cold := (temperature < coldest_K) & (fraction > _EDGE_OF_JET)).any():
+        cell = int(np.argmax(cold))
+        raise SprayError(
+            f"{case.gas['T'].label}: {temperature[cell]:g} (entry {cell}) is below the freezing "
+            f"point of the vapour in this cell, {coldest_K:g} K; T is a temperature in K (degC? a "
+            "mapping file gives the unit)"
+        )
     pressure = None
     remarks: tuple[str, ...] = ()
     if case.gas[spec.fuel_field].unit == "mol/mol":

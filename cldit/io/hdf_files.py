@@ -55,6 +55,8 @@ def check_sources(path: Path, data: Any, *, complete: bool = True, _depth: int =
         if complete and data.chunks is not None and data.size:
             chunk_count = int(np.prod(-(-np.array(data.shape) // np.array(data.chunks))))
             check_chunks(f"{path}: {data.name}", chunk_count, data.id.get_num_chunks())
+        elif complete and data.size and not names and not data.id.get_storage_size():
+            raise FileError(f"{path}: {data.name}: was never written, and would be read as zeros")
         return sources
     if _depth > _DEEPEST:
         raise FileError(f"{path}: {data.name}: is a virtual data set of itself")

@@ -46,9 +46,9 @@ class SeriesPlan:
         spray = scene.spray
         remarks: tuple[str, ...] = ()
         if isinstance(spray, CfdSpray):
+            from cldit.cfd.case import choose_time, choose_times, time_remarks
             from cldit.cfd.formats import contents  # brings VTK
             from cldit.cfd.orientation import with_one_frame
-            from cldit.cfd.times import choose_time, choose_times, time_remarks
 
             source, case_times = str(spray.file), contents(spray).times_s
             chosen = choose_times(source, case_times, selection)

@@ -13,8 +13,8 @@ from typing import Any
 
 from cldit.bench.case import BenchError, Say
 from cldit.bench.report import Part
+from cldit.cfd.inputs import Size
 from cldit.cfd.openfoam.case import foam_size
-from cldit.cfd.size import Size
 from cldit.cfd.vtk.head import vtk_size
 from cldit.io.plain_data import parse_json
 from cldit.show.page import Table

@@ -122,14 +122,14 @@ MUTATIONS = (
     row("cldit/spray/cone/fluid_properties.py", "7.2099e-6 * t * t", "7.2099e-6 * t",
         "unit/spray/cone/test_fluid_properties.py"),
     # cfd: parcels outside, a weight, a copy, bytes
-    row("cldit/cfd/parcels.py", "slack = WRITTEN * float(", "slack = 1e-1 * float(",
+    row("cldit/cfd/plausible.py", "slack = WRITTEN * float(", "slack = 1e-1 * float(",
         "unit/cfd/test_openfoam_layouts.py"),
-    row("cldit/cfd/mesh_parts.py", "weight = pressure / temperature",
+    row("cldit/cfd/mapping/columns.py", "weight = pressure / temperature",
         "weight = pressure * temperature", "unit/cfd/test_paraview.py"),
     row("cldit/cfd/sectors.py", "(parcels.position_m - origin) @ rotation.T",
         "(parcels.position_m - origin) @ rotation", "unit/cfd/test_sectors.py"),
     row("cldit/cfd/openfoam/lists.py", "or numbers.size != count * width", "",
-        "unit/cfd/test_openfoam_errors.py"),
+        "unit/cfd/test_refusals.py"),
     row("cldit/cfd/hdf/fluent.py", "sides[number, low - 1 : high] = stored",
         "sides[number, low - 1 : high] = 0 * stored", "unit/cfd/formats/test_fluent.py"),
     # medium: a sliver that is lost, cells that get a neighbour's share, a coarse leaf's volume

@@ -27,7 +27,7 @@ BUDGETS: dict[str, int] = {
     "api": 1500,
     "bench": 750,
     "camera": 750,
-    "cfd": 9500,
+    "cfd": 9250,
     "cldit": 250,
     "cli": 3000,
     "comparison": 3250,

@@ -10,15 +10,22 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
+from cldit.cfd.case import (
+    NO_CLOUD,
+    CfdCase,
+    Cloud,
+    Column,
+    Listing,
+    choose_cloud,
+    choose_file,
+    choose_time,
+    only_claimant,
+)
 from cldit.cfd.ensight.file import Item, Reader, read_case_file
-from cldit.cfd.ensight.geometry import read_geometry
-from cldit.cfd.ensight.variable import corner_mean, read_variable
-from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
+from cldit.cfd.ensight.geometry import corner_mean, read_geometry, read_variable
+from cldit.cfd.inputs import Size, check_room
+from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud, with_point_fields
 from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
-from cldit.cfd.mesh_parts import with_point_fields
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import choose_time
 from cldit.cfd.tolerances import ROUNDED
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
@@ -162,8 +169,7 @@ def _file(path: Path, item: Item, at: float | None) -> Path:
     for time, file in files:
         if time is not None:
             by_time.setdefault(time, []).append(file)
-    time = choose_time(f"{path}: {item.name}", by_time, at)
-    return only_claimant(f"{item.name} at time {time:g}", by_time[time])
+    return choose_file(f"{path}: {item.name}", by_time, at, f"{item.name} at ")[1]
 
 
 def _size(geometry: Path, fields: list[Path]) -> Size:

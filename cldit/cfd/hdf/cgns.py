@@ -15,16 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
-from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
+from cldit.cfd.case import CaseTime, CfdCase, Column, Listing, refuse_cloud, stated_time
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, nodes_in, open_hdf
-from cldit.cfd.inputs import regular
+from cldit.cfd.inputs import Size, check_room, regular
+from cldit.cfd.mapping.columns import MeshPart, join_gas
 from cldit.cfd.mapping.file import SI_UNITS, ColumnMap
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.elements import ElementMesh, block_corners
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import CaseTime, stated_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -120,8 +118,11 @@ def _zone(path: Path, zone: Any) -> MeshPart:
     kinds = [text_of_node(path, node) for _, node in children(zone, "ZoneType_t")]
     vertices, cells = (int(np.prod(row, dtype=np.int64)) for row in sizes[:2])
     grids = children(zone, "GridCoordinates_t")
-    if not grids:
-        raise SprayError(f"{path}: {name}: no coordinates")
+    if len(grids) != 1:
+        held = (
+            f"{len(grids)} sets of coordinates, of a mesh that moves" if grids else "no coordinates"
+        )
+        raise SprayError(f"{path}: {name}: {held}; {_WAY}")
     arrays = dict(_arrays(path, grids[0][1], vertices))
     if missing := {"CoordinateX", "CoordinateY", "CoordinateZ"} - set(arrays):
         raise SprayError(f"{path}: {name}: {min(missing)} is missing; expected: X, Y, Z")

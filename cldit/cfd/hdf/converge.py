@@ -13,20 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
+from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant, stated_time
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, unit_of
-from cldit.cfd.mapping.columns import Fields, mapped_cloud
+from cldit.cfd.inputs import Size, check_room
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas, mapped_cloud
 from cldit.cfd.mapping.file import (
     CellColumns,
     ColumnMap,
     ParcelColumns,
     Vector,
     first_of,
+    spelled,
 )
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import stated_time
 from cldit.errors import EmptyCloud, SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
@@ -154,6 +153,8 @@ def _cloud(path: Path, streams: list[Any], choice: str | None, names: ColumnMap)
         return None
     parts = [group[chosen] for group in groups if chosen in group]
     fields = sorted(set.intersection(*(set(part) for part in parts)))
+    for part in parts:
+        _check_metres(path, part, "PARCEL_X")
     label = f"{path}: {chosen}"
 
     def column(name: str) -> Column:
@@ -189,8 +190,16 @@ def list_converge(spec: CfdSpray) -> Listing:
     return times, sorted(fields), clouds
 
 
+def _check_metres(path: Path, group: Any, name: str) -> None:
+    """Refuses coordinates that state another unit."""
+    unit = unit_of(group[name]) if name in group else None
+    if unit is not None and spelled(unit) != "m":
+        raise SprayError(f"{path}: {group.name}/{name}: is in {unit}; expected: m")
+
+
 def post_mesh(path: Path, stream: Any) -> Mesh:
     """Mesh of a stream, which is a group of the file."""
+    _check_metres(path, stream, "VERTEX_COORDINATES/X")
     x = field(path, stream, "VERTEX_COORDINATES/X")
     y, z = (field(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
     start = labels(path, stream, "CONNECTIVITY/POLYGON_OFFSET")

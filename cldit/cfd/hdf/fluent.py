@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
+from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud, stated_time
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
-from cldit.cfd.mapping.columns import Fields
+from cldit.cfd.inputs import Size, check_room
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas
 from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
-from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import stated_time
 from cldit.errors import SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
@@ -32,7 +30,6 @@ _UNREAD = {
     "meshes/1/cells/tree": "an adapted mesh with hanging nodes",
     "meshes/1/faces/interface": "a mesh with interfaces",
 }
-_OTHER_PHASES = {f"phase-{number}" for number in range(2, 100)}
 _WAY = "in Fluent, File > Export > EnSight Case Gold"
 _MESH, _CELLS = "meshes/1", "results/1/phase-1/cells"
 
@@ -59,7 +56,8 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         watch("reading the mesh", 0, 1)
         mesh = _mesh(case, mesh_group, cells)
     with open_hdf(data) as file:
-        if phases := sorted(set(_group(data, file, "results/1")) & _OTHER_PHASES):
+        groups = sorted(_group(data, file, "results/1"))
+        if phases := [name for name in groups if re.fullmatch(r"phase-(?!1$)\d+", name)]:
             raise SprayError(f"{data}: {', '.join(phases)} in addition to phase-1; {_WAY}")
         held = _group(data, file, _CELLS)
         fields = _fields(held)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
-from cldit.cfd.mesh import geometry
 from cldit.cfd.mesh.cells import (
+    IN_CACHE,
     AnyFloats,
     CellMesh,
     Labels,
@@ -143,8 +143,8 @@ class ElementMesh(PointMesh):
         kinds = self.kinds[cells]
         for kind in set(self._kinds(kinds)) & set(_REGULAR):
             of_kind = np.flatnonzero(kinds == kind)
-            for begin in range(0, len(of_kind), geometry.IN_CACHE):
-                place = of_kind[begin : begin + geometry.IN_CACHE]
+            for begin in range(0, len(of_kind), IN_CACHE):
+                place = of_kind[begin : begin + IN_CACHE]
                 corner = self.offsets[cells[place]] + np.arange(CORNERS[kind])[:, None]
                 regular, values = _regular(kind, self.points_m[self.nodes[corner]])
                 measures.put(place, values)

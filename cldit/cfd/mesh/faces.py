@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.cfd.mesh import geometry
 from cldit.cfd.mesh.cells import (
     AnyFloats,
     CellMesh,
@@ -16,6 +15,7 @@ from cldit.cfd.mesh.cells import (
     PointMesh,
     Polyhedra,
     check_labels,
+    sides_of_cells,
 )
 from cldit.errors import SprayError
 
@@ -59,7 +59,7 @@ class Mesh(PointMesh):
     @cached_property
     def _sides(self) -> tuple[Labels, Labels]:
         """First side of each cell, and the sides of all cells, as in `Polyhedra`."""
-        return geometry.sides_of_cells(self.owner, self.neighbour, self.cells)
+        return sides_of_cells(self.owner, self.neighbour, self.cells)
 
     def corner_mean(self, values: AnyFloats) -> Floats:
         """Means (N,) of values (P,) at points over the distinct corners of each cell."""

@@ -12,18 +12,20 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
-from cldit.cfd.inputs import HEAD_BYTES
-from cldit.cfd.mapping.columns import Fields, joined_cloud
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, choose_time
+from cldit.cfd.inputs import HEAD_BYTES, Size, check_room
+from cldit.cfd.mapping.columns import Fields, MeshPart, join_gas, joined_cloud
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh.faces import Mesh
-from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
-from cldit.cfd.openfoam.collated import Root, split_roots
-from cldit.cfd.openfoam.file import find_foam, open_foam, read_foam
-from cldit.cfd.openfoam.injectors import case_injectors
+from cldit.cfd.openfoam.dictionaries import (
+    case_injectors,
+    check_processors,
+    cut_boundaries,
+    wall_temperature_K,
+)
+from cldit.cfd.openfoam.file import Root, find_foam, open_foam, read_foam, split_roots
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
-from cldit.cfd.openfoam.patches import check_processors, cut_boundaries, wall_temperature_K
 from cldit.cfd.openfoam.regions import (
     case_folder,
     find_step,
@@ -31,8 +33,6 @@ from cldit.cfd.openfoam.regions import (
     regions,
     time_folders,
 )
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -53,35 +53,32 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     fields = len(columns_of(mapped) & set(available))
     places = [root.path / "constant" / step.region / "polyMesh" for root in step.roots]
     check_room(step.case, foam_size(places, fields=fields))
-    files: list[Path] = []
-    times_s: dict[Path, float] = {}
+    read: dict[Path, float | None] = {}
     meshes: list[tuple[Root, Mesh]] = []
     for number, root in enumerate(step.roots):
         watch("reading the mesh", number, len(step.roots))
-        part = _mesh(root, step.time, step.region, files)
+        part = _mesh(root, step.time, step.region, read)
         if part is not None:
             meshes.append((root, part))
     if not meshes:
         raise SprayError(f"{step.case}: the mesh has no cell")
 
-    def read(root: Root, mesh: Mesh, name: str) -> Column:
+    def field(root: Root, mesh: Mesh, name: str) -> Column:
         watch(f"reading {name}", 0, 1)
         file = root.path / folder / name
         field_file = read_foam(file, root.block)
         values, unit = internal_field(field_file, mesh.cells)
-        if field_file.time_s is not None:
-            times_s[field_file.path] = field_file.time_s
-        files.append(field_file.path)
+        read[field_file.path] = field_file.time_s
         return Column(root.label(file), values, unit=unit)
 
     parts = [
-        MeshPart(str(step.place), mesh, Fields(available, partial(read, root, mesh)))
+        MeshPart(str(step.place), mesh, Fields(available, partial(field, root, mesh)))
         for root, mesh in meshes
     ]
     gas = join_gas(step.place, parts, names.cells, spec.fuel_field)
     injectors, dictionaries = case_injectors(step.case, chosen, step.region)
     boundaries, lists = cut_boundaries(meshes, step.region)
-    parcels = None if chosen is None else _cloud(chosen, meshes, folder, names, files, times_s)
+    parcels = None if chosen is None else _cloud(chosen, meshes, folder, names, read)
     return replace(
         gas,
         time_s=step.time,
@@ -89,9 +86,9 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         injectors=injectors,
         boundaries=boundaries,
         wall_K=wall_temperature_K(meshes[0][0], step.region, folder),
-        files=(*files, *lists, *dictionaries),
+        files=(*read, *lists, *dictionaries),
         remarks=step.remarks,
-        times_s=times_s,
+        times_s={file: t for file, t in read.items() if t is not None} | {step.place: step.time},
     )
 
 
@@ -120,10 +117,11 @@ def _file_names(folder: Path) -> set[str]:
     return {file.name.removesuffix(".gz") for file in folder.glob("*") if file.is_file()}
 
 
-def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | None:
+def _mesh(part: Root, time_s: float, region: str, read: dict[Path, float | None]) -> Mesh | None:
     """Mesh at a time: each file from the latest folder up to that time that has it.
 
-    None for a processor without cells. The paths of the files are added to `files`.
+    None for a processor without cells. The files are added to `read`, without a time: the mesh of
+    an earlier one is valid.
     """
     root, block = part.path, part.block
     by_time = time_folders(root)
@@ -134,7 +132,7 @@ def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | N
     def latest(name: str) -> Path:
         candidates = (folder / name for folder in folders if find_foam(folder / name) is not None)
         path = next(candidates, folders[-1] / name)
-        files.append(find_foam(path) or path)
+        read[find_foam(path) or path] = None
         return path
 
     points = vectors(read_foam(latest("points"), block))
@@ -156,13 +154,12 @@ def _cloud(
     meshes: Sequence[tuple[Root, Mesh]],
     folder: str,
     names: ColumnMap,
-    files: list[Path],
-    times_s: dict[Path, float],
+    read: dict[Path, float | None],
 ) -> Cloud:
     """Cloud of all processors; those that the spray has not reached have no folder for it."""
     columns = columns_of(merged(names.parcels, PARCEL_NAMES))
     parts = [
-        read_cloud(place, mesh, root.block, columns=columns, files=files, times_s=times_s)
+        read_cloud(place, mesh, root.block, columns=columns, read=read)
         for root, mesh in meshes
         if (place := root.path / folder / "lagrangian" / name).is_dir()
     ]

@@ -14,7 +14,7 @@ from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.names import species_in
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
 from cldit.cfd.openfoam.lists import as_integers, labels, particles, scalars, vectors
-from cldit.cfd.tolerances import SLACK
+from cldit.cfd.tolerances import SLACK, WRITTEN
 from cldit.errors import SprayError
 
 
@@ -29,14 +29,13 @@ def read_cloud(
     block: int | None,
     *,
     columns: set[str],
-    files: list[Path],
-    times_s: dict[Path, float],
+    read: dict[Path, float | None],
 ) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3) and fields of one cloud, read from `positions`, else from `coordinates`.
 
     Both may contain either form. `columns`: names of fields, `U_X` means U; labels and shares of
-    species are read, too, if they are readable. Adds the files read, and their times, to `files`
-    and `times_s`.
+    species are read, too, if they are readable. Adds the files, and the times that they state, to
+    `read`.
     """
     names = ("positions", "coordinates")
     path = next((folder / name for name in names if find_foam(folder / name)), None)
@@ -49,9 +48,9 @@ def read_cloud(
     file = read_foam(path, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
-    files.append(file.path)
-    if file.time_s is not None:
-        times_s[file.path] = file.time_s
+    if rows.shape[1] == 4:
+        _check_cells(file, position, as_integers(file, rows[:, 3]), mesh)
+    read[file.path] = file.time_s
     fields: dict[str, Column] = {}
     needed = {*columns, *(re.sub("_[XYZ]$", "", column) for column in columns)}
     stored = {entry.name.removesuffix(".gz") for entry in folder.iterdir() if entry.is_file()}
@@ -61,15 +60,42 @@ def read_cloud(
             share = field.kind == "scalarField" and species_in(name) is not None
             if name not in needed and field.kind != "labelField" and not share:
                 continue
-            read: Callable[..., Any] = labels if "label" in field.kind else scalars
-            read = vectors if field.kind.startswith("vector") else read
-            fields[name] = Column(str(folder / name), read(field, len(position)))
+            parse: Callable[..., Any] = labels if "label" in field.kind else scalars
+            parse = vectors if field.kind.startswith("vector") else parse
+            fields[name] = Column(str(folder / name), parse(field, len(position)))
         except SprayError:
             if name in needed:
                 raise
             continue
-        files.append(field.path)
+        read[field.path] = field.time_s
     return Column(str(path), position), fields
+
+
+def _check_cells(file: FoamFile, position_m: Floats, cells: Labels, mesh: Mesh) -> None:
+    """Refuses parcels outside the cells that they state, as if the mesh was renumbered since.
+
+    Equal numbers of all parcels, as other programs may write them, state nothing.
+    """
+    if not len(cells) or cells.min() == cells.max():
+        return
+    _check_numbers(file, "cell", cells, mesh.cells)
+    distinct, at = np.unique(cells, return_inverse=True)
+    cell = mesh.measure(distinct)
+    slack = WRITTEN * float(np.ptp(np.array(mesh.extent_m), axis=0).max())
+    low, high = cell.lower_m[at] - slack, cell.upper_m[at] + slack
+    outside = np.any((position_m < low) | (position_m > high), axis=1)
+    if 2 * outside.sum() > len(cells):
+        bad = int(np.argmax(outside))
+        raise file.fail(
+            f"{int(outside.sum())} of {len(cells)} parcels lie outside the cells that they state, "
+            f"such as parcel {bad} outside cell {cells[bad]}: mesh, fields and parcels have "
+            "different numbers of the cells; keep the mesh of this time"
+        )
+
+
+def _check_numbers(file: FoamFile, kind: str, numbers: Labels, end: int) -> None:
+    if numbers.size and (numbers.min() < 0 or numbers.max() >= end):
+        raise file.fail(f"a parcel in {kind} {numbers.max()}, but the mesh has {end}")
 
 
 def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
@@ -83,10 +109,8 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     """
     weights = rows[:, :4]
     cell, face, turn = as_integers(file, rows[:, 4:]).T
-    faces = len(mesh.owner)
-    for kind, label, end in (("cell", cell, mesh.cells), ("face", face, faces)):
-        if label.size and (label.min() < 0 or label.max() >= end):
-            raise file.fail(f"a parcel in {kind} {label.max()}, but the mesh has {end}")
+    _check_numbers(file, "cell", cell, mesh.cells)
+    _check_numbers(file, "face", face, len(mesh.owner))
     size = mesh.start[face + 1] - mesh.start[face]
     owned = mesh.owner[face] == cell
     if not np.all(owned | (mesh.neighbour[face] == cell)):

@@ -4,10 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cldit.cfd.case import NO_CLOUD, only_claimant
-from cldit.cfd.openfoam.collated import Root, split_roots
-from cldit.cfd.openfoam.file import TIME, find_foam
-from cldit.cfd.times import choose_time
+from cldit.cfd.case import NO_CLOUD, choose_time, only_claimant
+from cldit.cfd.openfoam.file import TIME, Root, find_foam, split_roots
 from cldit.errors import NotAtThisTime, SprayError
 from cldit.scene.spray import CfdSpray
 

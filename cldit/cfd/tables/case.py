@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud, stated_time
+from cldit.cfd.inputs import Size, check_room
 from cldit.cfd.mapping.columns import Source, cloud_columns, gas_columns
 from cldit.cfd.mapping.file import (
     CellColumns,
@@ -16,12 +17,9 @@ from cldit.cfd.mapping.file import (
     without_unit,
 )
 from cldit.cfd.mesh.elements import BoxMesh
-from cldit.cfd.names import is_mark
+from cldit.cfd.names import TIME, is_mark, normalised
 from cldit.cfd.one_state import check_marks
-from cldit.cfd.size import Size, check_room
-from cldit.cfd.tables.dpm import dpm_columns, dpm_names
-from cldit.cfd.tables.text import TextTable
-from cldit.cfd.times import stated_time
+from cldit.cfd.tables.text import TextTable, dpm_columns, dpm_names
 from cldit.cfd.unknown_kinds import refuse_unknown
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
@@ -46,6 +44,7 @@ def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     if spec.cloud not in (None, NO_CLOUD, "parcels"):
         raise SprayError(f"{path}: no cloud {spec.cloud!r} (spray.cloud); available: parcels")
     drops = None if spec.cloud == NO_CLOUD else mapping.parcels
+    cloud = None if drops is None else table_cloud(path, mapping)
     parcels = [] if drops is None or drops.file is None else [path.parent / drops.file]
     return CfdCase(
         source=str(file),
@@ -53,9 +52,20 @@ def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
         gas=gas_columns(source, mapping.cells, spec.fuel_field),
         available=tuple(source.columns),
-        cloud=None if drops is None else table_cloud(path, mapping),
+        cloud=cloud,
         files=(path, file, *parcels),
+        times_s={} if cloud is None else _times(source, cloud, parcels[0]),
     )
+
+
+def _times(cells: Source, cloud: Cloud, parcels: Path) -> dict[Path, float]:
+    """Times that both tables state in a column of the same name; those of a .dpm file are ages."""
+    for name in cells.columns.keys() & cloud.extra.keys():
+        values = [table[name].values for table in (cells.columns, cloud.extra)]
+        numbers = all(column.dtype.kind in "fiu" and len(column) for column in values)
+        if TIME.fullmatch(normalised(name)) and numbers and parcels.suffix != ".dpm":
+            return {Path(cells.name): float(values[0][0]), parcels: float(values[1][0])}
+    return {}
 
 
 def list_tables(spec: CfdSpray) -> Listing:

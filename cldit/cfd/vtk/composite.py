@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, nodes_in, open_hdf
-from cldit.cfd.inputs import AT_ONCE, module, regular
-from cldit.cfd.size import WHILE_READING, Size
+from cldit.cfd.inputs import AT_ONCE, WHILE_READING, Size, module, regular
 from cldit.errors import SprayError
 
 COMPOSITE = (".vtkhdf",)
@@ -44,8 +43,14 @@ def _check(file: Path) -> None:
 
 
 def _check_steps(file: Path, group: Any) -> None:
-    """Refuses arrays with rows that no step refers to, as where offsets are wrong."""
+    """Refuses times that do not rise, among which vtk takes a wrong one, and arrays with rows that
+    no step refers to, as where offsets are wrong.
+    """
     steps = group["Steps"]
+    times = np.asarray(steps["Values"][()]).reshape(-1) if "Values" in steps else np.empty(0)
+    if not np.all(np.diff(times) > 0.0):
+        shown = f"times {times[:5].tolist()} of the steps do not rise"
+        raise SprayError(f"{file}: {steps.name}/Values: {shown}; export it again, in their order")
     for data, number in (("CellData", "NumberOfCells"), ("PointData", "NumberOfPoints")):
         offsets = steps.get(f"{data}Offsets", {})
         if "WholeExtent" in group.attrs:  # an image has a step in a row
@@ -66,8 +71,7 @@ def _check_steps(file: Path, group: Any) -> None:
                 raise SprayError(
                     f"{file}: {group[data][name].name}: {unused} of {len(rows) - 1} rows belong to "
                     f"no step ({data}Offsets/{name}: {begin[:5].tolist()} for the steps "
-                    f"{np.asarray(steps['Values'][()]).reshape(-1)[:5].tolist()}): its offsets are "
-                    "damaged; export it again"
+                    f"{times[:5].tolist()}): its offsets are damaged; export it again"
                 )
 
 

@@ -18,20 +18,7 @@ def dimension(data: Any) -> int:
     """Largest dimension of its cells, 0 for points alone; -1 of an empty data set."""
     if not data.GetNumberOfCells():
         return 0 if data.GetNumberOfPoints() else -1
-    if data.IsA("vtkPolyData"):
-        surface = data.GetNumberOfPolys() or data.GetNumberOfStrips()
-        return 2 if surface else int(data.GetNumberOfLines() > 0)
-    if not data.IsA("vtkUnstructuredGrid"):
-        return 3
-    from vtkmodules.vtkCommonDataModel import vtkCellTypes
-
-    cell_types = vtkCellTypes()
-    data.GetDistinctCellTypes(cell_types)
-    kinds = [cell_types.GetCellType(place) for place in range(cell_types.GetNumberOfTypes())]
-    return max(_DIMENSION.get(kind, 3) for kind in kinds)
-
-
-_DIMENSION = {1: 0, 2: 0, 3: 1, 4: 1, 21: 1} | dict.fromkeys((5, 6, 7, 8, 9, 22, 23, 28), 2)
+    return int(data.GetMaxSpatialDimension())
 
 
 def as_unstructured(data: Any) -> Any:

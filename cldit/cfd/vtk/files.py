@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
-from cldit.cfd.mapping.columns import joined_cloud
+from cldit.cfd.mapping.columns import MeshPart, join_gas, joined_cloud
 from cldit.cfd.mapping.file import (
     PARCEL_NAMES,
     ColumnMap,
@@ -18,9 +18,8 @@ from cldit.cfd.mapping.file import (
     merged,
     without_unit,
 )
-from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, time_value, vtk_mesh
-from cldit.cfd.vtk.layout import find_layout
+from cldit.cfd.vtk.layout import Layout, find_layout
 from cldit.cfd.vtk.reading import Choose, Loaded, nothing
 from cldit.cfd.vtk.steps import Loader, Step, comment_time, find_step, step_times
 from cldit.errors import SprayError
@@ -55,7 +54,7 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         cloud=None if chosen is None else _cloud(chosen, step.clouds[chosen], names),
         files=step.files,
         remarks=(*step.remarks, *case.remarks),
-        times_s=_times(step, chosen),
+        times_s=_times(step, chosen) | _listed(layout, step.time_s),
     )
 
 
@@ -64,6 +63,16 @@ def _times(step: Step, cloud: str | None) -> dict[Path, float]:
     read = [*step.meshes, *([] if cloud is None else step.clouds[cloud])]
     stated = ((piece.file, (comment_time(piece.file), time_value(piece.data))) for piece in read)
     return {file: time for file, times in stated for time in times if time is not None}
+
+
+def _listed(layout: Layout, time_s: float | None) -> dict[Path, float]:
+    """Time of the step by each `.series` that lists it, in the unit of foamToVTK's files."""
+    return {
+        file: time
+        for file, items in layout.listed.items()
+        for _, time, _ in items
+        if time == time_s
+    }
 
 
 def _part(loaded: Loaded) -> MeshPart:

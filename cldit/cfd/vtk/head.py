@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import BinaryIO, Literal
 from xml.parsers import expat
 
-from cldit.cfd.inputs import AT_ONCE, HEAD_BYTES
-from cldit.cfd.size import WHILE_READING, Size
+from cldit.cfd.inputs import AT_ONCE, HEAD_BYTES, WHILE_READING, Size
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 

@@ -106,7 +106,7 @@ def _foam(folder: Path, path: Path) -> Layout:
             steps.setdefault(step_of(inside), []).append(entry)
     lists = [item for glob in ("*.series", "lagrangian/*/*.series") for item in folder.glob(glob)]
     listed = {file: series(file) for file in sorted(lists)}
-    times = {step: time_s for items in listed.values() for step, time_s, _ in items}
+    times = _times_of(listed)
     step = None
     if path != folder and path.suffix != ".series":
         step = step_of(path.relative_to(folder))
@@ -135,8 +135,21 @@ def _folder(folder: Path) -> Layout:
         if file not in named:
             steps.setdefault(step_of(Path(file.name)), []).extend(group)
     listed = {file: series(file) for file in sorted(folder.glob("*.series"))}
-    times = {step: time_s for items in listed.values() for step, time_s, _ in items}
+    times = _times_of(listed)
     return Layout(steps, times, listed, read=tuple(listed))
+
+
+def _times_of(listed: Mapping[Path, list[tuple[str, float, Path]]]) -> dict[str, float]:
+    """Time of each step of the lists; refuses one of two times, as of lists of several runs."""
+    times: dict[str, tuple[float, Path]] = {}
+    for file, items in listed.items():
+        for step, time_s, _ in items:
+            known_s, known_file = times.setdefault(step, (time_s, file))
+            if abs(time_s - known_s) > ROUNDED * max(abs(time_s), abs(known_s)):
+                rival = f"{known_file} at {known_s:.9g} s"
+                way = "allowed: one time of each step; keep the lists and files of one run"
+                raise SprayError(f"{file}: lists step {step} at {time_s:.9g} s, {rival}; {way}")
+    return {step: time_s for step, (time_s, _) in times.items()}
 
 
 def _pvd(lists: list[Path]) -> Layout:

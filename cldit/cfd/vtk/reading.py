@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cldit.cfd.inputs import module, regular
-from cldit.cfd.size import check_room
+from cldit.cfd.inputs import check_room, module, regular
 from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, check_cells, dimension, named_arrays
 from cldit.cfd.vtk.head import check_head, check_legacy, vtk_size

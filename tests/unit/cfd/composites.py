@@ -10,8 +10,9 @@ import numpy as np
 
 from tests.unit.cfd.conftest import Form, write_case
 from tests.unit.cfd.formats.conftest import WRITERS
-from tests.unit.cfd.formats.test_fluent import write_fluent
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
+from tests.unit.cfd.formats.test_amrex import Plot
+from tests.unit.cfd.formats.test_fluent import MAPPING, write_dpm, write_fluent
+from tests.unit.cfd.vtkfiles import block_grid, cloud_data, save
 
 
 def write_hdf(file: Path, blocks: dict[str, Any]) -> Path:
@@ -141,6 +142,60 @@ def _zone(
     return file
 
 
+ZONE = "Base/Zone"
+
+
+def section(zone: Any, name: str, kind: int, first: int, lists: list[Any]) -> Any:
+    """Elements of lists of numbers, and their offsets."""
+    part = node(zone, name, "Elements_t", [kind, 0])
+    node(part, "ElementRange", "IndexRange_t", [first, first + len(lists) - 1])
+    node(part, "ElementConnectivity", "DataArray_t", np.concatenate(lists))
+    node(part, "ElementStartOffset", "DataArray_t", np.cumsum([0, *map(len, lists)]))
+    return part
+
+
+def polyhedra(zone: Any, block: Any) -> None:
+    """Faces in two sections, the boundary first; every third is reversed, with its sign."""
+    inner = len(block.neighbour)
+    order = [*range(inner, len(block.owner)), *range(inner)]
+    signed: list[list[int]] = [[] for _ in range(block.cells)]
+    faces = []
+    for number, face in enumerate(order, start=1):
+        sign = -1 if number % 3 == 0 else 1
+        faces.append([corner + 1 for corner in block.faces[face][::sign]])
+        signed[block.owner[face]].append(sign * number)
+        if face < inner:
+            signed[block.neighbour[face]].append(-sign * number)
+    outer = len(block.owner) - inner
+    section(zone, "A", 22, 1, faces[:outer])
+    section(zone, "B", 22, outer + 1, faces[outer:])
+    section(zone, "C", 23, len(order) + 1, signed)
+
+
+def mixed(zone: Any, hexahedra: Any) -> None:
+    """A square between hexahedra, which is no cell."""
+    rows = [[17, *row] for row in hexahedra]
+    section(zone, "A", 20, 1, [*rows[:5], [7, *hexahedra[0][:4]], *rows[5:]])
+
+
+def with_sections(path: Path, block: Any, kind: str) -> Path:
+    """The same cells as polyhedra, as MIXED elements, or as a structured zone."""
+    with h5py.File(path, "a") as file:
+        zone = file[ZONE]
+        rows = zone["Hexahedra/ElementConnectivity/ data"][()].reshape(-1, 8)
+        del zone["Hexahedra"]
+        if kind == "polyhedra":
+            polyhedra(zone, block)
+        elif kind == "structured":
+            shape = np.array(block.shape) + 1
+            del zone[" data"], zone["ZoneType/ data"]
+            zone[" data"] = np.array([shape, shape - 1, [0, 0, 0]], "i4")
+            zone["ZoneType/ data"] = np.frombuffer(b"Structured", "i1")
+        else:
+            mixed(zone, rows)
+    return path
+
+
 def with_checksums(file: Path) -> Path:
     """The same file of HDF5, of which each chunk is packed and has a checksum."""
     sound = file.with_name(f"unpacked-{file.name}")
@@ -168,18 +223,38 @@ def write_format(kind: str, folder: Path, sample: Any) -> Path:
     if kind in WRITERS:
         return WRITERS[kind][0](folder, sample)
     if kind.startswith("openfoam"):
-        form = Form(binary=kind.endswith("binary"), gz=kind.endswith("gz"))
-        return write_case(folder, block, gas=gas, cloud=cloud, form=form)
+        wide = kind.endswith("label64")
+        form = Form(wide or kind.endswith("binary"), kind.endswith("gz"), label=64 if wide else 32)
+        place = "coordinates" if kind.endswith("barycentric") else ""
+        return write_case(folder, block, gas=gas, cloud=cloud, form=form, barycentric=place)
     folder.mkdir(parents=True, exist_ok=True)
+    if kind == "amrex":
+        (folder / "names.yaml").write_text("parcels: {density: 684}")
+        return Plot().write(folder)
+    if kind == "vtm":
+        return folder / "all.vtm"
+    if kind == "vtkhdf-steps":
+        return write_hdf_steps(folder / "a.vtkhdf", sample, [0.0005, 0.001])
     if kind.startswith("vtk") and "hdf" not in kind:
         legacy = ".vtk" if kind.endswith("legacy") else ""
         save(folder / f"gas{legacy or '.vtu'}", block_grid(block, gas))
         save(folder / f"spray{legacy or '.vtp'}", cloud_data(cloud))
         return folder
-    if kind == "fluent":
+    if kind.startswith("fluent"):
+        if kind == "fluent-dpm":
+            write_dpm(folder / "drops.dpm", cloud)
+            (folder / "names.yaml").write_text(MAPPING)
         return write_fluent(folder, sample)
-    if kind == "cgns":
-        return write_cgns(folder / "a.cgns", sample)
+    if kind.startswith("cgns"):
+        file = write_cgns(folder / "a.cgns", sample)
+        return file if kind == "cgns" else with_sections(file, block, kind.partition("-")[2])
     blocks = {"gas": block_grid(block, gas), "drops": cloud_data(cloud)}
     file = write_hdf(folder / "a.vtkhdf", blocks)
     return file if kind == "vtkhdf-by-vtk" else with_checksums(file)
+
+
+def keys_of(kind: str, folder: Path) -> dict[str, Any]:
+    """Keys of a scene that a format of `write_format` needs beside the case."""
+    mapping = {"mapping": folder / "names.yaml"} if kind in ("fluent-dpm", "amrex") else {}
+    place = {"nozzle_m": (0.0, 0.0, 0.0), "axis": "+z", "fuel_field": "NC7H16"}
+    return mapping | (place if kind == "amrex" else {})

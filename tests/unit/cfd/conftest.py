@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -219,6 +219,15 @@ def write_case(
     return root
 
 
+def changed(fields: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields with others, which are values, functions of those of the same name, or None."""
+    others = {
+        name: change(fields[name]) if callable(change) else change
+        for name, change in changes.items()
+    }
+    return {name: values for name, values in {**fields, **others}.items() if values is not None}
+
+
 @dataclass(frozen=True)
 class Foam:
     """What the tests of this folder share."""
@@ -227,10 +236,21 @@ class Foam:
     form: type[Form] = Form
     write: Callable[..., Path] = write_case
 
-    def case(self, folder: Path, **keys: Any) -> Path:
-        """The sample as a case; `keys` of `write_case` come before its own gas and cloud."""
-        block, gas, cloud = self.sample()
-        return self.write(folder, block, **({"gas": gas, "cloud": cloud} | keys))
+    def case(
+        self,
+        folder: Path,
+        *,
+        gas: Mapping[str, Any] | None = None,
+        cloud: Mapping[str, Any] | Literal[False] | None = None,
+        **keys: Any,
+    ) -> Path:
+        """The sample as a case, with `keys` of `write_case`; cloud: False for gas alone.
+
+        gas, cloud: fields that differ, as values, functions of the sample's, or None for none.
+        """
+        block, fields, parcels = self.sample(keys.pop("shear", 0.0))
+        drops = None if cloud is False else changed(parcels, cloud or {})
+        return self.write(folder, block, gas=changed(fields, gas or {}), cloud=drops, **keys)
 
     def sample(self, shear: float = 0.0) -> tuple[Block, dict[str, Array], dict[str, Array]]:
         """Block of 3 x 4 x 2 uneven cells, gas and 17 parcels, the same every time."""

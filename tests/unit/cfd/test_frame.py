@@ -10,7 +10,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from cldit.cfd.openfoam.injectors import read_injectors
+from cldit.cfd.openfoam.dictionaries import read_injectors
 from cldit.cfd.orientation import Frame, extrapolated
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
@@ -82,9 +82,8 @@ def test_boxes_keep_volume_centroid_and_proportions(
     tmp_path: Path, axis: tuple[float, float, float]
 ) -> None:
     """The bounds of a cell in the case, here sheared, are turned with it."""
-    block, gas, cloud = foam.sample(shear=0.3)
-    gas["C7H16"][:] = 0.1
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    block = foam.sample(shear=0.3)[0]
+    case = foam.case(tmp_path, gas={"C7H16": 0.1}, shear=0.3)
     nozzle = (0.5e-3, 9e-3, 0.1e-3)
     away = "none"  # parcels lie upstream for the oblique axis
     vapour = read(case, nozzle_m=nozzle, axis=axis, cloud=away).vapour
@@ -196,27 +195,26 @@ def test_from_the_parcels(tmp_path: Path, tilt_deg: float, age: bool) -> None:
     assert spray.notes["liquid_penetration_95_m"] == pytest.approx(0.95 * 3.2e-3, rel=0.05)
 
 
-def test_what_cannot_be_inferred(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
-    foam.write(tmp_path / "gas", block, gas=gas)
-    with pytest.raises(SprayError, match=r"it has no parcels.; set spray.nozzle_m and spray"):
-        read_cfd(CfdSpray(file=tmp_path / "gas"))
-    with pytest.raises(SprayError, match="it has no parcels"):
-        read_cfd(CfdSpray(file=tmp_path / "gas", axis="-y"))
-    still = {name: values for name, values in cloud.items() if name != "U"}
-    foam.write(tmp_path / "still", block, gas=gas, cloud=still)
-    with pytest.raises(SprayError, match="'sprayCloud' has no velocity U"):
-        read_cfd(CfdSpray(file=tmp_path / "still"))
-    around = cloud | {"U": np.random.default_rng(1).normal(0.0, 1.0, (17, 3))}
-    around["U"] -= around["U"].mean(axis=0)
-    around |= {name: np.full(17, cloud[name][0]) for name in ("d", "rho", "nParticle")}
-    foam.write(tmp_path / "around", block, gas=gas, cloud=around)
-    with pytest.raises(SprayError, match="have no common direction"):
-        read_cfd(CfdSpray(file=tmp_path / "around"))
-    broken = cloud | {"U": np.where(np.arange(51).reshape(17, 3) < 7, np.nan, cloud["U"])}
-    foam.write(tmp_path / "broken", block, gas=gas, cloud=broken)
-    with pytest.raises(SprayError, match="sprayCloud/U: 3 of 17 parcels have no finite"):
-        read_cfd(CfdSpray(file=tmp_path / "broken"))
+AROUND = np.random.default_rng(1).normal(0.0, 1.0, (17, 3))
+EQUAL = dict.fromkeys(("d", "rho", "nParticle"), lambda values: np.full(17, values[0]))
+LACKING: dict[str, tuple[Any, dict[str, Any], str]] = {
+    "gas": (False, {}, r"it has no parcels.; set spray.nozzle_m and spray"),
+    "gas and axis": (False, {"axis": "-y"}, "it has no parcels"),
+    "still": ({"U": None}, {}, "'sprayCloud' has no velocity U"),
+    "around": (EQUAL | {"U": AROUND - AROUND.mean(axis=0)}, {}, "have no common direction"),
+    "broken": (
+        {"U": lambda U: np.where(np.arange(51).reshape(17, 3) < 7, np.nan, U)},
+        {},
+        "sprayCloud/U: 3 of 17 parcels have no finite",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", LACKING)
+def test_what_cannot_be_inferred(tmp_path: Path, kind: str) -> None:
+    cloud, keys, message = LACKING[kind]
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=foam.case(tmp_path, cloud=cloud), **keys))
 
 
 def test_axis_in_a_scene() -> None:

@@ -124,13 +124,13 @@ def test_parcels_in_another_place(tmp_path: Path) -> None:
 
 
 def test_impossible_parcels_are_counted(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
+    block, _, cloud = foam.sample()
     many = {name: np.concatenate([values] * 12) for name, values in cloud.items()}
     many["position"] += 1e-9 * np.arange(204)[:, None]  # each place once
     many["d"][3], many["T"][5] = -1e-6, np.nan
     many["position"][7] = [edge[-1] + 1e-4 for edge in block.edges]  # a hundredth of the width
     many["nParticle"][7] *= 1e-3  # light: 1/204 of the parcels, but little of the liquid
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=many)
+    case = foam.case(tmp_path / "case", cloud=many)
     refused(case, r"d: -1e-06 \(entry 3\) .*3 of 204 parcels.* 1 % may")
     spray = read(case, parcels_left_out=0.02)
     assert spray.notes["parcels"] == 201
@@ -141,13 +141,13 @@ def test_impossible_parcels_are_counted(tmp_path: Path) -> None:
     mass = many["nParticle"] * many["rho"] * np.pi / 6 * many["d"] ** 3
     assert spray.notes["liquid_mass_kg"] == pytest.approx(mass[good].sum(), rel=1e-12)
     many["nParticle"][7] *= 1e6  # few parcels, but much of the liquid
-    case = foam.write(tmp_path / "heavy", block, gas=gas, cloud=many)
+    case = foam.case(tmp_path / "heavy", cloud=many)
     refused(case, r"3 of 204 parcels are impossible or outside", parcels_left_out=0.02)
 
 
 def test_mapping_of_an_openfoam_case(tmp_path: Path) -> None:
     block, gas, cloud = foam.sample()
-    expected = notes_of(foam.write(tmp_path / "plain", block, gas=gas, cloud=cloud))
+    expected = notes_of(foam.case(tmp_path / "plain"))
     names = {"T": "Tgas", "p": "p_rgh", "rho": "thermo_rho", "C7H16": "Y"}
     drops = {{"d": "diam", "U": "V", "T": "Tp"}.get(name, name): v for name, v in cloud.items()}
     other = {names[name]: values for name, values in gas.items()}
@@ -257,3 +257,33 @@ def test_folder_and_file_must_agree(tmp_path: Path) -> None:
     refused(tmp_path / "case", "points: is not collated, but in a folder")
     collate(parts[:1], parts[1])
     refused(tmp_path / "apart", "is collated, but not in a folder processorsN")
+
+
+def test_times_and_clouds_that_are_not_there(tmp_path: Path) -> None:
+    foam.case(tmp_path, cloud=False, time="0")
+    foam.case(tmp_path)
+    refused(tmp_path, r"no time 0\.002 s \(spray\.time_s\); available: 0, 0\.001", time_s=0.002)
+    refused(tmp_path, r"no cloud 'rain' .spray.cloud.; available: sprayCloud", cloud="rain")
+    refused(
+        tmp_path, r"no parcels at this time, but at others: 0\.001 ", cloud="sprayCloud", time_s=0.0
+    )
+    foam.case(tmp_path, name="rain")
+    refused(tmp_path, r"several clouds: rain, sprayCloud; set spray\.cloud")
+    assert notes_of(tmp_path, cloud="rain")["parcels"] == 17
+
+
+def test_paths_that_are_no_case(tmp_path: Path) -> None:
+    refused(tmp_path / "nothing", "no such file or folder")
+    refused(tmp_path / "nothing" / "case.foam", "no such file or folder")
+    refused(tmp_path, "no case that is read, but: nothing; allowed:")
+    foam.case(tmp_path, cloud=False)
+    shutil.rmtree(tmp_path / "0.001")
+    (tmp_path / "VTK").mkdir()
+    refused(tmp_path, r"no time with results; its VTK output .*VTK$")
+
+
+def test_processors_must_have_the_same_fields(tmp_path: Path) -> None:
+    for name in ("processor0", "processor1"):
+        foam.case(tmp_path / name)
+    (tmp_path / "processor1" / "0.001/lagrangian/sprayCloud/T").unlink()
+    refused(tmp_path, "only some processors have the field 'T'")

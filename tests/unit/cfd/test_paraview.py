@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,17 @@ pytest.importorskip("vtkmodules")
 
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts, save, stamped
 from tests.unit.cfd.vtkfiles import (
+    block_grid,
+    cloud_data,
     collection,
     gas_file,
+    mark_ghosts,
     parcels_file,
     pieces,
     pvd,
+    save,
+    stamped,
     vertices,
 )
 
@@ -111,22 +114,10 @@ def parallel(folder: Path) -> Path:
 LAYOUTS = [pair, blocks, blocks_of_vtk, vertex_grids, series, listed, parallel]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.__name__)
-def test_every_layout_gives_the_same(
-    tmp_path: Path, expected: dict[str, float], layout: Any
-) -> None:
-    spray = read(layout(tmp_path / "vtk"))
-    # float32 coordinates of 1e-2 m, of cells of 1e-3 m
-    for name in FIGURES:
-        assert spray.notes[name] == pytest.approx(expected[name], rel=5e-6), name
-    assert spray.notes["gas_cells"] == expected["gas_cells"]
-    assert spray.notes["parcels"] == 17
-    for file in spray.files:
-        assert Path(file.path).is_relative_to(tmp_path / "vtk")
-        assert hashlib.sha256(Path(file.path).read_bytes()).hexdigest() == file.sha256
-    if layout is parallel:
-        assert "Marked as ghost or hidden, omitted: 2 cells." in spray.remarks
-        assert len(spray.files) == 6
+def test_ghosts_of_pieces(tmp_path: Path) -> None:
+    spray = read(parallel(tmp_path / "vtk"))
+    assert "Marked as ghost or hidden, omitted: 2 cells." in spray.remarks
+    assert len(spray.files) == 6
 
 
 def test_times_of_a_list(tmp_path: Path, expected: dict[str, float]) -> None:
@@ -240,7 +231,7 @@ def test_point_data_keep_the_mass(tmp_path: Path, density: bool) -> None:
     gas_constant, air_kg_mol = 8.31446261815324, 0.02885
     points["rho"] = points["p"] * air_kg_mol / (gas_constant * points["T"])
     grid = block_grid(block, {})
-    from tests.unit.cfd.test_vtk import vtk_array
+    from tests.unit.cfd.vtkfiles import vtk_array
 
     for name, values in points.items():
         if density or name != "rho":
@@ -280,19 +271,3 @@ def test_mapping_of_names_and_units(tmp_path: Path, expected: dict[str, float]) 
         assert spray.notes[name] == pytest.approx(expected[name], rel=5e-6), name
     assert spray.notes["axis_y"] == -1.0  # the velocity came over
     assert str(mapping) in {file.path for file in spray.files}
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("<VTKFile><vtkMultiBlockDataSet>", "is damaged or truncated"),
-        ("<VTKFile></VTKFile>", "names no file"),
-        ('<VTKFile><DataSet file="none.vtu"/></VTKFile>', r"names .*none\.vtu, which is missing"),
-        ('<VTKFile><DataSet file="all.vtm"/></VTKFile>', "names itself"),
-        ('<VTKFile><DataSet file="a.xyz"/></VTKFile>', r"names .*a\.xyz, of a kind that is not"),
-    ],
-)
-def test_collections_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:
-    file = tmp_path / "all.vtm"
-    file.write_text(text)
-    refused(file, rf"all\.vtm.*{message}")

@@ -21,8 +21,7 @@ from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_tables
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, save
-from tests.unit.cfd.vtkfiles import pvd
+from tests.unit.cfd.vtkfiles import block_grid, pvd, save
 
 
 def ideal(block: Any, gas: dict[str, Any]) -> dict[str, Any]:
@@ -30,26 +29,27 @@ def ideal(block: Any, gas: dict[str, Any]) -> dict[str, Any]:
     return gas | {"rho": gas["p"] / (moles * 8.314463 * gas["T"])}
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("T", lambda T: T - 273.15, r"sprayCloud/T: .* is outside 182\.6\.\.5000; .*degC"),
-        ("nParticle", lambda n: n * 1e-9, "droplets in 17 parcels; .* names it as `mass`"),
-        ("nParticle", lambda n: n * 1e9, "kg of liquid; allowed: up to 0.01 kg"),
-    ],
-)
-def test_parcels_in_another_unit(tmp_path: Path, name: str, change: Any, message: str) -> None:
-    block, gas, cloud = foam.sample()
-    case = foam.write(tmp_path, block, gas=gas, cloud=cloud | {name: change(cloud[name])})
-    refused(case, message)
+WIDE = np.random.default_rng(5).normal((0.0, -50.0, 0.0), 50.0, (17, 3))
+WRONG: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] = {
+    "degC": ({}, {"T": lambda T: T - 273.15}, {}, r"d/T: .* is outside 182\.6\.\.5000; .*degC"),
+    "n-heptane by default": (
+        {"C7H16": None, "Y_FUEL": 0.1},
+        {"T": lambda T: T - 273.15},
+        {"fuel_field": "Y_FUEL"},
+        r"T: .* is outside 182\.6\.\.5000",
+    ),
+    "masses": ({}, {"nParticle": lambda n: n * 1e-9}, {}, "droplets in 17 parcels; .* as `mass`"),
+    "millions": ({}, {"nParticle": lambda n: n * 1e9}, {}, "kg of liquid; allowed: up to 0.01 kg"),
+    "g/cm3": ({"rho": lambda rho: 1e-3 * rho}, {}, {}, "one of them is not in kg/m3, K, Pa"),
+    "bar": ({"p": lambda p: 1e-5 * p}, {}, {}, "one of them is not in kg/m3, K, Pa"),
+    "wide": ({}, {"U": WIDE}, {"axis": None}, "the axis of the injection cannot .*degrees only"),
+}
 
 
-def test_the_liquid_of_a_fuel_without_a_formula_is_n_heptane(tmp_path: Path) -> None:
-    block, gas, cloud = foam.sample()
-    own = {name: values for name, values in gas.items() if name != "C7H16"}
-    cold = cloud | {"T": cloud["T"] - 273.15}
-    case = foam.write(tmp_path, block, gas=own | {"Y_FUEL": gas["C7H16"]}, cloud=cold)
-    refused(case, r"T: .* is outside 182\.6\.\.5000", fuel_field="Y_FUEL")
+@pytest.mark.parametrize("kind", WRONG)
+def test_values_in_another_unit(tmp_path: Path, kind: str) -> None:
+    gas, cloud, keys, message = WRONG[kind]
+    refused(foam.case(tmp_path, gas=gas, cloud=cloud), message, **keys)
 
 
 def test_gas_in_degrees_celsius_and_gauge_pressure(tmp_path: Path) -> None:
@@ -66,13 +66,6 @@ def test_gas_in_degrees_celsius_and_gauge_pressure(tmp_path: Path) -> None:
     gauge = foam.write(tmp_path / "g", block, gas=low | {"p": low["p"] - 101325.0}, cloud=cloud)
     remarks = " ".join(read(gauge).remarks)
     assert "1.987e+05 to 1.987e+05 Pa): p seems to be a gauge pressure" in remarks
-
-
-@pytest.mark.parametrize(("name", "factor"), [("rho", 1e-3), ("p", 1e-5)])
-def test_a_density_that_is_no_ideal_gas(tmp_path: Path, name: str, factor: float) -> None:
-    _, gas, _ = foam.sample()
-    case = foam.case(tmp_path, gas=gas | {name: factor * gas[name]})
-    refused(case, "one of them is not in kg/m3, K, Pa")
 
 
 def test_a_case_in_millimetres(tmp_path: Path) -> None:
@@ -104,9 +97,7 @@ def test_times_that_differ_in_the_last_digit(tmp_path: Path) -> None:
 
 
 def octane(folder: Path) -> CfdSpray:
-    block, gas, cloud = foam.sample()
-    own = {name: values for name, values in gas.items() if name != "C7H16"}
-    case = foam.write(folder, block, gas=own | {"IC8H18": gas["C7H16"]}, cloud=cloud)
+    case = foam.case(folder, gas={"C7H16": None, "IC8H18": foam.sample()[1]["C7H16"]})
     return CfdSpray(file=case, fuel_field="IC8H18", **FRAME)
 
 
@@ -166,9 +157,8 @@ def test_a_name_that_is_no_formula() -> None:
 
 @pytest.mark.parametrize("share", [0.5, 1e-3])
 def test_two_fuels(tmp_path: Path, share: float) -> None:
-    block, gas, cloud = foam.sample()
-    gas = gas | {"IC8H18": share * gas["C7H16"], "C2H4": np.full(block.cells, 0.01)}
-    spec = CfdSpray(file=foam.write(tmp_path, block, gas=gas, cloud=cloud), **FRAME)
+    other = {"IC8H18": share * foam.sample()[1]["C7H16"], "C2H4": 0.01}
+    spec = CfdSpray(file=foam.case(tmp_path, gas=other), **FRAME)
     if share > 0.1:
         with pytest.raises(SprayError, match=r"two fuels: C7H16, up to .* and IC8H18, up to"):
             read_cfd(spec)

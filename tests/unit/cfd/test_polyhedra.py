@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from cldit.cfd.mesh import cells as meshes
-from cldit.cfd.mesh import elements, geometry
-from cldit.cfd.mesh.cells import CellMesh, Measures, PointMesh
+from cldit.cfd.mesh import elements
+from cldit.cfd.mesh.cells import CellMesh, Measures, PointMesh, walk_faces
 from cldit.cfd.mesh.elements import POLYHEDRON, ElementMesh
 from cldit.cfd.mesh.faces import Mesh, join
-from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam import lists as foamlists
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import FoamFile
@@ -169,7 +168,7 @@ def test_cells_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = np.array([2, 0, 1, 2])
     alone = [vars(measured(one)) for one in solids]
     for sides in (1, 11, 1000):
-        monkeypatch.setattr(geometry, "IN_CACHE", sides)
+        monkeypatch.setattr(meshes, "IN_CACHE", sides)
         for name, values in vars(mesh.measure(cells)).items():
             expected = np.concatenate([alone[cell][name] for cell in cells])
             np.testing.assert_allclose(values, expected, atol=1e-15)
@@ -204,8 +203,7 @@ TWO = ElementMesh(
 def test_number_of_cells_at_once_changes_nothing(
     at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    block, gas, cloud = foam.sample(shear=0.3)
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    case = foam.case(tmp_path / "case", shear=0.3)
     whole = read(case)
     monkeypatch.setattr(meshes, "AT_ONCE", at_once)
     assert same(read(case), whole)
@@ -215,10 +213,9 @@ def test_cells_without_vapour_are_left_out_wherever_they_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before the first cell with much fuel it is not known yet that another has next to none."""
-    block, gas, cloud = foam.sample()
-    gas["C7H16"][:] = 0.0
-    gas["C7H16"][[1, 20]] = 1e-18, 0.2
-    case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
+    fuel = np.zeros(24)
+    fuel[[1, 20]] = 1e-18, 0.2
+    case = foam.case(tmp_path / "case", gas={"C7H16": fuel})
     monkeypatch.setattr(meshes, "AT_ONCE", 4)
     spray = read(case)
     assert spray.notes["vapour_cells"] == 1.0

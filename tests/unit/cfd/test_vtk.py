@@ -17,6 +17,7 @@ from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME, arrays_of, notes_of, read, refused
+from tests.unit.cfd.vtkfiles import block_grid, cloud_data, grid_of, mark_ghosts, save, stamped
 
 pytest.importorskip("vtkmodules")
 
@@ -30,96 +31,6 @@ SOLIDS: dict[int, tuple[list[tuple[float, float, float]], float]] = {
     42: ([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], 1.0),
 }
 CUBE = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-
-
-def vtk_array(name: str, values: Any) -> Any:
-    from vtkmodules.util import numpy_support
-
-    convert: Any = numpy_support.numpy_to_vtk
-    array = convert(np.ascontiguousarray(values, dtype=np.float32), deep=1)
-    array.SetName(name)
-    return array
-
-
-def points_of(data: Any, position: Any) -> None:
-    from vtkmodules.vtkCommonCore import vtkPoints
-
-    points = vtkPoints()
-    points.SetData(vtk_array("Points", position))
-    data.SetPoints(points)
-
-
-def save(file: Path, data: Any) -> Path:
-    """By the file's suffix, in binary."""
-    from vtkmodules import vtkIOLegacy, vtkIOXML
-
-    file.parent.mkdir(parents=True, exist_ok=True)
-    grid = data.IsA("vtkUnstructuredGrid")
-    writers: dict[tuple[str, bool], Any] = {
-        (".vtu", True): vtkIOXML.vtkXMLUnstructuredGridWriter,
-        (".vtp", False): vtkIOXML.vtkXMLPolyDataWriter,
-        (".vtk", True): vtkIOLegacy.vtkUnstructuredGridWriter,
-        (".vtk", False): vtkIOLegacy.vtkPolyDataWriter,
-    }
-    writer = writers[file.suffix, bool(grid)]()
-    writer.SetFileName(str(file))
-    writer.SetInputData(data)
-    if file.suffix == ".vtk":
-        writer.SetFileTypeToBinary()
-    writer.Write()
-    return file
-
-
-def grid_of(cells: list[tuple[int, Any]], points: Any, gas: Mapping[str, Any]) -> Any:
-    """An unstructured grid; a polyhedron is given by its faces."""
-    from vtkmodules.vtkCommonCore import vtkIdList
-    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
-
-    grid: Any = vtkUnstructuredGrid()
-    points_of(grid, points)
-    for kind, corners in cells:
-        if kind == 42:
-            stream = vtkIdList()
-            for item in (len(corners), *(n for face in corners for n in (len(face), *face))):
-                stream.InsertNextId(item)
-            grid.InsertNextCell(42, stream)
-        else:
-            grid.InsertNextCell(kind, len(corners), list(corners))
-    for name, values in gas.items():
-        grid.GetCellData().AddArray(vtk_array(name, values))
-    return grid
-
-
-def block_grid(block: Any, gas: Mapping[str, Any], cells: Any = slice(None)) -> Any:
-    """A grid of a block's hexahedra, or of some of them."""
-    rows = [(12, row) for row in block.hexahedra[cells].tolist()]
-    return grid_of(rows, block.points, {name: values[cells] for name, values in gas.items()})
-
-
-def mark_ghosts(data: Any, marks: Any) -> None:
-    """Adds vtkGhostType to the data of cells or points."""
-    from vtkmodules.util import numpy_support
-
-    convert: Any = numpy_support.numpy_to_vtk
-    array = convert(np.asarray(marks, np.uint8), deep=1)
-    array.SetName("vtkGhostType")
-    data.AddArray(array)
-
-
-def cloud_data(cloud: Mapping[str, Any]) -> Any:
-    from vtkmodules.vtkCommonDataModel import vtkPolyData
-
-    data: Any = vtkPolyData()
-    points_of(data, cloud["position"])
-    for name, values in cloud.items():
-        if name != "position":
-            data.GetPointData().AddArray(vtk_array(name, values))
-    return data
-
-
-def stamped(data: Any, time_s: float) -> Any:
-    data.GetFieldData().AddArray(vtk_array("TimeValue", [time_s]))
-    return data
 
 
 def series(file: Path, entries: Mapping[str, float]) -> None:
@@ -283,6 +194,16 @@ def test_a_listed_step_that_is_missing(tmp_path: Path) -> None:
         with pytest.raises(SprayError, match=missing):
             contents(CfdSpray(file=folder, **FRAME, **time))
     assert notes_of(folder, time_s=0.0005)["time_s"] == 0.0005
+
+
+def test_lists_of_several_runs(tmp_path: Path) -> None:
+    two_steps(tmp_path, "xml")
+    rain = tmp_path / "lagrangian/rain/rain.vtp.series"
+    series(rain, {"rain_10.vtp": 0.0005, "rain_20.vtp": 0.0007})
+    refused(tmp_path, r"rain\.vtp\.series: lists step 20 at 0\.0007 s, .*case.* at 0\.001 s; allo")
+    rain.unlink()
+    series(tmp_path / "case.vtm.series", {"case_10.vtm": 0.0005, "case_20.vtm": 0.002})
+    refused(tmp_path, r"internal\.vtu: states the time 0\.001.*, .*\.series the time 0\.002")
 
 
 def test_a_listed_cloud_that_is_missing(tmp_path: Path) -> None:

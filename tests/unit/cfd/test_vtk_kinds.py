@@ -18,15 +18,11 @@ from cldit.errors import EmptyCloud, SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.reading import FRAME, notes_of, read, refused
-from tests.unit.cfd.test_vtk import block_grid, cloud_data, mark_ghosts, save
-from tests.unit.cfd.vtkfiles import pieces
+from tests.unit.cfd.vtkfiles import block_grid, cloud_data, mark_ghosts, pieces, save, vtk_array
 
 pytest.importorskip("vtkmodules")
 from vtkmodules import vtkCommonDataModel as model
-from vtkmodules import vtkIOXML as xml
-from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkIOLegacy import vtkDataSetWriter
 
 
 def joined(form: str) -> Any:
@@ -83,7 +79,7 @@ def test_a_folder_without_gas_names_its_files(tmp_path: Path) -> None:
     save(tmp_path / "spray.vtp", cloud_data(foam.sample()[2]))
     image = model.vtkImageData()
     image.SetDimensions(5, 5, 1)
-    write(tmp_path / "cut.vti", image, ".vti")
+    save(tmp_path / "cut.vti", image)
     message = r"no gas: .*\(parcels alone in .*spray\.vtp; lines or surfaces in .*cut\.vti\)"
     refused(tmp_path, message)
 
@@ -94,13 +90,13 @@ def vapour_kg(path: Path) -> float:
 
 
 def whole_kg() -> float:
-    _, centre, volume = grid_of(".vti")
+    _, centre, volume = steady_jet(".vti")
     return float((RHO * field(centre)[1] * volume).sum())
 
 
 def hdf(file: Path, kind: bytes) -> Path:
     """An image, or the image with a block of half its spacing within it, by VTK's documentation."""
-    grid, step = grid_of(".vti")[0], (HIGH - LOW) / SHAPE
+    grid, step = steady_jet(".vti")[0], (HIGH - LOW) / SHAPE
     text = h5py.string_dtype("ascii", len(kind))
     with h5py.File(file, "w") as root:
         top = root.create_group("VTKHDF")
@@ -168,7 +164,7 @@ def test_pieces_of_a_grid(tmp_path: Path) -> None:
 
     for number, ends in enumerate(((0, 7, 0, 6, 0, 4), (0, 7, 0, 6, 4, 9))):
         writer: Any = vtkXMLImageDataWriter()
-        writer.SetInputData(grid_of(".vti")[0])
+        writer.SetInputData(steady_jet(".vti")[0])
         writer.SetWriteExtent(*ends)
         writer.SetFileName(str(tmp_path / f"gas_{number}.vti"))
         writer.Write()
@@ -205,7 +201,7 @@ def test_pieces_of_a_grid(tmp_path: Path) -> None:
 def test_heads_that_end_the_process(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str, old: str, new: str
 ) -> None:
-    grid = grid_of(".vti" if name == "gas.vti" else ".vts")[0]
+    grid = steady_jet(".vti" if name == "gas.vti" else ".vts")[0]
     if name == "gas.vtu":
         from vtkmodules.vtkFiltersCore import vtkAppendFilter
 
@@ -215,10 +211,7 @@ def test_heads_that_end_the_process(
         grid = append.GetOutput()
         mark_ghosts(grid.GetCellData(), np.arange(378) == 3)
     file = tmp_path / name
-    if name == "gas.vtu":
-        save(file, grid)
-    else:
-        write(file, grid, file.suffix)
+    save(file, grid)
     content = file.read_bytes()
     assert old.encode() in content
     file.write_bytes(content.replace(old.encode(), new.encode(), 1))
@@ -247,7 +240,7 @@ def test_counts_are_those_of_the_arrays(
 
     if name == "gas.vtu":
         made: Any = vtkAppendFilter()
-        made.AddInputData(grid_of(".vts")[0])
+        made.AddInputData(steady_jet(".vts")[0])
         writer: Any = vtkIOXML.vtkXMLUnstructuredGridWriter()
     else:
         made = vtkPointSource()
@@ -287,11 +280,6 @@ KINDS: dict[str, Any] = {
     ".vtr": model.vtkRectilinearGrid,
     ".vts": model.vtkStructuredGrid,
 }
-WRITERS = {
-    ".vti": xml.vtkXMLImageDataWriter,
-    ".vtr": xml.vtkXMLRectilinearGridWriter,
-    ".vts": xml.vtkXMLStructuredGridWriter,
-}
 
 
 def field(place_m: Any) -> tuple[Any, Any]:
@@ -301,12 +289,7 @@ def field(place_m: Any) -> tuple[Any, Any]:
     return 500.0 + 4e3 * z, 0.3 * np.exp(-(x**2 + y**2) / (2.0 * width**2))
 
 
-def vtk_array(values: Any) -> Any:
-    convert: Any = numpy_to_vtk
-    return convert(values, deep=True)
-
-
-def grid_of(kind: str) -> tuple[Any, Any, Any]:
+def steady_jet(kind: str) -> tuple[Any, Any, Any]:
     """vtk's grid, centres (N, 3) and volumes (N,) of its cells.
 
     Nodes of a rectilinear grid are graded; a structured grid is turned about z.
@@ -326,10 +309,10 @@ def grid_of(kind: str) -> tuple[Any, Any, Any]:
         grid.SetSpacing(*((HIGH - LOW) / SHAPE))
     elif kind == ".vtr":
         for name, values in zip("XYZ", block.edges, strict=True):
-            getattr(grid, f"Set{name}Coordinates")(vtk_array(values))
+            getattr(grid, f"Set{name}Coordinates")(vtk_array("", values, "f8"))
     else:
         points = vtkPoints()
-        points.SetData(vtk_array(block.points @ turn))
+        points.SetData(vtk_array("", block.points @ turn, "f8"))
         grid.SetPoints(points)
     centre = block.centre @ turn
     temperature, fraction = field(centre)
@@ -338,20 +321,8 @@ def grid_of(kind: str) -> tuple[Any, Any, Any]:
         ("C7H16", fraction),
         ("rho", 0.0 * fraction + RHO),
     ):
-        array = vtk_array(values)
-        array.SetName(name)
-        grid.GetCellData().AddArray(array)
+        grid.GetCellData().AddArray(vtk_array(name, values, "f8"))
     return grid, centre, block.volume
-
-
-def write(file: Path, grid: Any, kind: str) -> Path:
-    writer: Any = vtkDataSetWriter() if file.suffix == ".vtk" else WRITERS[kind]()
-    if file.suffix == ".vtk":
-        writer.SetFileTypeToBinary()
-    writer.SetFileName(str(file))
-    writer.SetInputData(grid)
-    assert writer.Write()
-    return file
 
 
 def spec(file: Path) -> CfdSpray:
@@ -359,11 +330,11 @@ def spec(file: Path) -> CfdSpray:
 
 
 @pytest.mark.parametrize("legacy", [False, True], ids=["xml", "legacy"])
-@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_known_field(kind: str, legacy: bool, tmp_path: Path) -> None:
     """Coordinates in double precision: what is left is the rounding of volumes and centroids."""
-    grid, centre, volume = grid_of(kind)
-    file = write(tmp_path / f"gas{'.vtk' if legacy else kind}", grid, kind)
+    grid, centre, volume = steady_jet(kind)
+    file = save(tmp_path / f"gas{'.vtk' if legacy else kind}", grid)
     spray = read_cfd(spec(file))
     assert spray.parcels is None and spray.vapour is not None
     temperature, fraction = field(centre)
@@ -380,18 +351,18 @@ def test_a_known_field(kind: str, legacy: bool, tmp_path: Path) -> None:
 
 
 def test_hidden_cells_and_corners(tmp_path: Path) -> None:
-    grid, _, volume = grid_of(".vts")
+    grid, _, volume = steady_jet(".vts")
     grid.BlankCell(200)
     grid.BlankPoint(0)  # the corner of one cell
-    spray = read_cfd(spec(write(tmp_path / "gas.vts", grid, ".vts")))
+    spray = read_cfd(spec(save(tmp_path / "gas.vts", grid)))
     assert spray.notes["gas_cells"] == len(volume) - 2
     assert "Marked as ghost or hidden, omitted: 2 cells." in spray.remarks
 
 
-@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
 def test_cut_off(kind: str, share: float, tmp_path: Path) -> None:
-    file = write(tmp_path / f"gas{kind}", grid_of(kind)[0], kind)
+    file = save(tmp_path / f"gas{kind}", steady_jet(kind)[0])
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
     with pytest.raises(SprayError, match=rf"gas\{kind}: is damaged or truncated"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import getpass
+import hashlib
 import json
 import platform
 import subprocess
@@ -15,7 +16,7 @@ from pydantic import TypeAdapter
 from cldit.errors import StudyError
 from cldit.io import origin
 from cldit.io.extras import install_line, needed
-from cldit.io.origin import Origin, versions
+from cldit.io.origin import FileRead, Origin, files_read, versions
 
 
 def test_it_reads_back_and_names_nobody(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -97,3 +98,21 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         needed("h5py", extra="export", needed_by="--to nexus:", error=StudyError, hint=", or not")
     assert f"with: {Path(sys.executable).name} -m pip install" in str(got.value)
     assert needed("json", extra="export", needed_by="x") is sys.modules["json"]
+
+
+def test_record_of_a_file_that_was_read(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    file.write_bytes(b"abc")
+    (record,) = files_read([file, tmp_path / "." / "a.txt"])
+    assert record.bytes == 3
+    assert record.sha256 == hashlib.sha256(b"abc").hexdigest()
+    assert record.modified.endswith("+00:00")
+    assert FileRead.from_dict(record.to_dict()) == record
+    assert record.unchanged
+    file.write_bytes(b"abd")  # of the same size, and of the same second
+    assert not record.unchanged
+    file.unlink()
+    assert not record.unchanged
+    file.write_bytes(b"abc")
+    with pytest.raises(OSError, match="none"):
+        files_read([tmp_path / "none"])

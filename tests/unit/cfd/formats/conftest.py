@@ -55,23 +55,8 @@ class Out:
         self.file.write_bytes(self.body)
 
 
-def write_ensight(
-    root: Path, sample: Sample, *, binary: bool, order: str = "<", polyhedra: bool = False
-) -> Path:
-    block, gas, cloud = sample
-    root.mkdir(parents=True, exist_ok=True)
-    lines = ["FORMAT", "type: ensight gold", "", "GEOMETRY", "model: case.geo"]
-    lines += ["measured: 1 case.***.mgeo", "", "VARIABLE"]
-    lines += [f"scalar per element: 1 {name} case.***.{name}" for name in gas]
-    for name, values in cloud.items():
-        if name != "position":
-            kind = "vector" if values.ndim == 2 else "scalar"
-            lines.append(f"{kind} per measured node: 1 {name} case.***.m_{name}")
-    lines += ["", "TIME", "time set: 1", "number of steps: 2", "filename start number: 0"]
-    lines += ["filename increment: 5", "time values: 0.0005", "0.001", ""]
-    (root / "case.case").write_text("\n".join(lines))
-
-    geo = Out(root / "case.geo", binary, order, head=True)
+def write_geometry(geo: Out, block: Any, *, polyhedra: bool) -> None:
+    """A part of the cells of a block, and one of walls."""
     for line in ("a block", "of cells", "node id off", "element id assign", "part"):
         geo.text(line)
     geo.integers(1)
@@ -105,6 +90,25 @@ def write_ensight(
     geo.integers([1, 2, 3, 4], a_line=4)
     geo.save()
 
+
+def write_ensight(
+    root: Path, sample: Sample, *, binary: bool, order: str = "<", polyhedra: bool = False
+) -> Path:
+    block, gas, cloud = sample
+    root.mkdir(parents=True, exist_ok=True)
+    lines = ["FORMAT", "type: ensight gold", "", "GEOMETRY", "model: case.geo"]
+    lines += ["measured: 1 case.***.mgeo", "", "VARIABLE"]
+    lines += [f"scalar per element: 1 {name} case.***.{name}" for name in gas]
+    for name, values in cloud.items():
+        if name != "position":
+            kind = "vector" if values.ndim == 2 else "scalar"
+            lines.append(f"{kind} per measured node: 1 {name} case.***.m_{name}")
+    lines += ["", "TIME", "time set: 1", "number of steps: 2", "filename start number: 0"]
+    lines += ["filename increment: 5", "time values: 0.0005", "0.001", ""]
+    (root / "case.case").write_text("\n".join(lines))
+
+    write_geometry(Out(root / "case.geo", binary, order, head=True), block, polyhedra=polyhedra)
+    kind = "nfaced" if polyhedra else "hexa8"
     for number, share in ((0, 0.5), (5, 1.0)):
         for name, values in gas.items():
             now = values * (share if name == "C7H16" else 1.0)

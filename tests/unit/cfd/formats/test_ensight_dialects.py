@@ -64,12 +64,6 @@ def test_parcels_are_written_at_other_times(tmp_path: Path) -> None:
     assert notes_of(path, cloud="none")["vapour_mass_kg"] == expected["vapour_mass_kg"]
 
 
-def test_a_time_that_stands_twice(tmp_path: Path) -> None:
-    path = write_ensight(tmp_path, foam.sample(), binary=True)
-    path.write_text(path.read_text().replace("time values: 0.0005", "time values: 0.001"))
-    refused(path, r"2 claim to be .* at time 0\.001: .*000.*005")
-
-
 def field(file: Path, values: Any, binary: bool, mode: str, left_out: Any) -> None:
     """A field per element of which some values are undefined, or not written."""
     out = Out(file, binary)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -43,7 +42,7 @@ def test_mapping_of_ensight_and_converge(tmp_path: Path) -> None:
     mapping.write_text("parcels: {density: 700}")
     notes = notes_of(folder, mapping=mapping)
     assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-6)
-    case = foam.write(tmp_path / "foam", block, gas=gas, cloud=cloud)
+    case = foam.case(tmp_path / "foam")
     notes = notes_of(case, mapping=mapping)
     assert notes["liquid_mass_kg"] == pytest.approx(expected, rel=1e-12)
 
@@ -83,79 +82,6 @@ def test_cells_by_volume(tmp_path: Path) -> None:
     refused(path, r"cells\.csv: no row below its header")
     (tmp_path / "cells.csv").write_text("\n".join(["x", *joined, "1,2,3,4,5,6,oops,1,1,1,1", ""]))
     refused(path, r"cells\.csv: not all numbers: row 25 has 'oops' in the column Temp")
-
-
-CASE: list[tuple[str, str, str]] = [
-    ("type: ensight gold", "type: ensight", "not `type: ensight gold`"),
-    ("model: case.geo", "model: 1 1 case.geo", "several times in one file"),
-    ("measured: 1 case.***.mgeo", "", "GEOMETRY: no `measured` file for the parcels"),
-    ("measured: 1 case.***.mgeo", "measured: 7 case.***.mgeo", "no time set 7"),
-    ("time values: 0.0005", "time values: soon", "is no EnSight case file .*soon"),
-    (
-        "scalar per element: 1 T",
-        "scalar per node: 1 T",
-        r"case\.005\.T: 'hexa8' where a part or its nodes are expected",
-    ),
-    ("TIME\n", "FILE\nfile set: 1\n\nTIME\n", "keeps several times in one file"),
-    ("1 T case.***.T", "1 T case.***.Tmp", r"case\.005\.Tmp: cannot be read"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "message"), CASE)
-def test_case_file_of_ensight(tmp_path: Path, old: str, new: str, message: str) -> None:
-    path = write_ensight(tmp_path, foam.sample(), binary=True)
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
-    refused(path, message)
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new", "message"),
-    [
-        ("case.geo", b"C Binary", b"Fortran Binary", "is in Fortran binary"),
-        ("case.geo", b"node id off", b"\0" * 11, "'', expected `node id` and off, given, assign"),
-        ("case.geo", b"coordinates", b"block curvi", "part 1 is a block 'curvi'; allowed:"),
-        ("case.geo", b"hexa8 ", b"hexa20", "elements of type 'hexa20' are not read"),
-        ("case.005.T", b"\x01\0\0\0", b"\x09\0\0\0", "part 9 is not in the geometry"),
-        ("case.005.mgeo", b"particle coord", b"atoms coord   ", "expected `particle coordinates`"),
-        ("case.005.mgeo", b"\x11\0\0\0", b"\x10\0\0\0", "continues after its 16 parcels"),
-    ],
-)
-def test_ensight_that_is_not_read(
-    tmp_path: Path,
-    file: str,
-    old: bytes,
-    new: bytes,
-    message: str,
-) -> None:
-    path = write_ensight(tmp_path, foam.sample(), binary=True)
-    body = (tmp_path / file).read_bytes()
-    assert old in body
-    (tmp_path / file).write_bytes(body.replace(old, new, 1))
-    refused(path, f"{re.escape(file)}: .*{message}")
-
-
-@pytest.mark.parametrize(
-    ("array", "values", "message"),
-    [
-        ("CELL_CENTER_DATA/TEMPERATURE", None, "no cell field 'T'; it has: DENSITY"),
-        ("VERTEX_COORDINATES/Y", [0.0], "VERTEX_COORDINATES/Y: 1 values, expected 60"),
-        ("CONNECTIVITY/POLYGON_OFFSET", [0, 4], "CONNECTED_CELLS: .* values, expected 2"),
-        ("PARCEL_DATA/RADIUS", None, "has no field 'd'"),
-        ("PARCEL_DATA/PARCEL_Z", None, "PARCEL_Z is missing"),
-        ("PARCEL_DATA/TEMP", [[300.0]], "TEMP: no list of numbers"),
-    ],
-)
-def test_arrays_of_converge(tmp_path: Path, array: str, values: Any, message: str) -> None:
-    h5py = pytest.importorskip("h5py")
-    folder = write_converge(tmp_path, foam.sample(), new=False)
-    last = max(folder.iterdir())
-    with h5py.File(last, "r+") as file:
-        del file[f"STREAM_00/{array}"]
-        if values is not None:
-            file[f"STREAM_00/{array}"] = np.array(values)
-    refused(folder, f"{re.escape(str(last))}.*{message}")
 
 
 def test_choices_that_are_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -219,11 +145,3 @@ def test_other_programs_by_name(tmp_path: Path, names: list[str], message: str) 
         (tmp_path / name).write_bytes(b"x")
     with pytest.raises(SprayError, match=message):
         read_cfd(CfdSpray(file=(tmp_path / names[0]).parent))
-
-
-def test_openpmd_by_name(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "data.h5", "w") as file:
-        file.attrs["openPMD"] = "1.1.0"
-    with pytest.raises(SprayError, match="is openPMD, which is not read; convert fields"):
-        read_cfd(CfdSpray(file=tmp_path / "data.h5"))

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import signal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 
-from cldit.cfd import size
 from cldit.cfd.importing import imported
 from cldit.cfd.mapping.file import read_column_map
 from cldit.cfd.to_spray import read_cfd
@@ -142,32 +141,10 @@ def test_page_of_the_docs(tmp_path: Path) -> None:
     assert not {option for option in named if option not in known}
 
 
-KINDS = ["openfoam", "vtk", "tables", "ensight", "ensight-ascii", "converge"]
-KINDS += ["vtkhdf", "cgns", "fluent"]
-
-
-def written(kind: str, folder: Path) -> CfdSpray:
-    """The sample in one format."""
-    return CfdSpray(file=write_format(kind, folder, foam.sample()), **FRAME)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_progress_is_told(kind: str, tmp_path: Path) -> None:
-    told: list[tuple[str, int, int]] = []
-    spec = written(kind, tmp_path / "case")
-    out = tmp_path / "spray.npz"
-    imported(spec, out, watch=lambda *each: told.append(each))
-    assert all(0 <= done <= total for _, done, total in told)
-    phases = [what for what, _, _ in told]
-    assert "measuring cells" in phases
-    assert phases[-1] == "writing spray.npz"
-    assert phases[0].startswith(("reading", "measuring cells"))
-
-
 @pytest.mark.parametrize("phase", ["reading gas.vtu", "measuring cells", "writing spray.npz"])
 def test_control_c_leaves_nothing(phase: str, tmp_path: Path) -> None:
     """The signal itself, as the terminal sends it; vtk, too, stops."""
-    spec = written("vtk", tmp_path / "case")
+    spec = CfdSpray(file=write_format("vtk", tmp_path / "case", foam.sample()), **FRAME)
     folder = tmp_path / "out"
     folder.mkdir()
     before = signal.getsignal(signal.SIGINT)  # a shell's background jobs ignore it
@@ -187,31 +164,19 @@ def test_control_c_leaves_nothing(phase: str, tmp_path: Path) -> None:
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_does_not_fit_is_refused_before_it_is_read(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    spec = written(kind, tmp_path / "case")
-    monkeypatch.setattr(size, "free_bytes", lambda: 0.1e9)
-    told: list[Any] = []
-    with pytest.raises(SprayError) as caught:
-        imported(spec, None, watch=lambda *each: told.append(each))
-    text = str(caught.value)
-    assert text.startswith(str(tmp_path / "case"))
-    assert re.search("24 cells.* need some 0.2 GB of memory; 0.1 GB are free", text) or kind in (
-        "openfoam",  # counts faces, or bytes
-        "tables",
-        "ensight",
-        "ensight-ascii",
-    )
-    assert "GB of memory; 0.1 GB are free" in text
-    assert "export only the region" in text
-    assert told == []
-
-
-def test_who_does_not_know_what_is_free_refuses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    large = size.Size(10**9, 0, 1e12)
-    monkeypatch.setattr(size, "free_bytes", lambda: None)
-    size.check_room(Path("case"), large)
-    monkeypatch.setattr(size, "free_bytes", lambda: 10**14)
-    size.check_room(Path("case"), large)
+def test_import_prints_and_keeps_them(tmp_path: Path) -> None:
+    case = foam.case(tmp_path / "case")
+    (case / "0.001" / "unused").write_text("not read")
+    out = tmp_path / "spray.npz"
+    done = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out), "-v"])
+    assert done.exit_code == 0, done.output
+    kept = read_cfd(CfdSpray(file=out)).files
+    assert Path(kept[0].path) == out
+    names = {Path(file.path).relative_to(case).as_posix() for file in kept[1:]}
+    mesh = {f"constant/polyMesh/{n}" for n in ("points", "faces", "owner", "neighbour", "boundary")}
+    drops = {"positions", "d", "nParticle", "T", "rho", "U"}
+    fields = {f"0.001/{name}" for name in ("T", "p", "rho", "C7H16")}
+    assert names == mesh | fields | {f"0.001/lagrangian/sprayCloud/{name}" for name in drops}
+    for file in kept[1:]:
+        assert file.sha256 == hashlib.sha256(Path(file.path).read_bytes()).hexdigest()
+        assert f"read {file.path} ({file.bytes} bytes, " in done.output.replace("\n", "")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import yaml
@@ -12,9 +13,6 @@ import yaml
 from tests.unit.cfd.conftest import foam
 from tests.unit.cfd.formats.conftest import write_tables
 from tests.unit.cfd.reading import notes_of, read, refused
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def parcels(path: Path, change: Callable[[str], str]) -> dict[str, Any]:
@@ -27,53 +25,19 @@ def parcels(path: Path, change: Callable[[str], str]) -> dict[str, Any]:
     return mapping
 
 
-def quoted_comma(text: str) -> str:
-    """A column whose name holds the delimiter, before those that count."""
-    head, *rows = text.splitlines()
-    return "\n".join([f'"Mass, kg",{head}', *(f"7.5,{row}" for row in rows), ""])
+def lines(text: str, head: str, row: str) -> str:
+    """The table with its header and rows in these forms; `{}` is what was there."""
+    first, *rows = text.splitlines()
+    return "\n".join([head.format(first), *(row.format(line) for line in rows), ""])
 
 
 def quoted_cells(text: str) -> str:
     """Every cell in quotes, one of text with a comma and a doubled quote."""
-    head, *rows = text.splitlines()
-    quoted = [",".join(f'"{cell}"' for cell in row.split(",")) for row in rows]
-    return "\n".join([f"Name,{head}", *(f'"a ""b"", c",{row}' for row in quoted), ""])
-
-
-def semicolons(text: str) -> str:
-    return text.replace(",", ";")
-
-
-def tabs(text: str) -> str:
-    return text.replace(",", "\t")
-
-
-def marked_utf8(text: str) -> str:
-    return "\ufeff" + text.replace("\n", "\r\n")
-
-
-def decimal_commas(text: str) -> str:
-    return text.replace(",", ";").replace(".", ",")
-
-
-def latin_1(text: str) -> str:
-    """A header of another encoding: the degree sign is one byte, which is no UTF-8."""
-    head, *rows = text.splitlines()
-    return "\n".join([f"{head},room (\udcb0C)", *(f"{row},21" for row in rows), ""])
-
-
-def fortran(text: str) -> str:
-    return re.sub(r"e([-+]\d\d)", r"D\1", text)
-
-
-def remarks(text: str) -> str:
-    head, rest = text.split("\n", 1)
-    return f"% made by a solver\n% {head}\n{rest}"
-
-
-def utf_16(text: str) -> str:
-    """As Excel's "Unicode text"."""
-    return ("\ufeff" + text).encode("utf-16-le").decode("utf-8", "surrogateescape")
+    quoted = re.sub(
+        r"(?m)(?<=^)([^\n]+)$", lambda row: '"' + row[1].replace(",", '","') + '"', text
+    )
+    head = text.splitlines()[0]
+    return lines(quoted, f"Name,{head}", '"a ""b"", c",{}')
 
 
 def repeated_header(text: str) -> str:
@@ -82,21 +46,35 @@ def repeated_header(text: str) -> str:
 
 
 def cfd_post(text: str) -> str:
-    head, rows = text.split("\n", 1)
-    named = head.replace("X,Y,Z", "X [ mm ], Y [ mm ], Z [ mm ]")
-    return f"\n[Name]\nparcels, all of them\n\n[Data]\n{named}\n{rows}"
+    named = text.replace("X,Y,Z", "X [ mm ], Y [ mm ], Z [ mm ]", 1)
+    return f"\n[Name]\nparcels, all of them\n\n[Data]\n{named}"
 
 
-DIALECTS = [quoted_comma, quoted_cells, semicolons, tabs, marked_utf8, decimal_commas]
-DIALECTS += [latin_1, fortran, remarks, utf_16, repeated_header, cfd_post]
+DIALECTS: dict[str, Callable[[str], str]] = {
+    # a column whose name holds the delimiter, before those that count
+    "quoted comma": lambda text: lines(text, '"Mass, kg",{}', "7.5,{}"),
+    "quoted cells": quoted_cells,
+    "semicolons": lambda text: text.replace(",", ";"),
+    "tabs": lambda text: text.replace(",", "\t"),
+    "marked UTF-8": lambda text: "\ufeff" + text.replace("\n", "\r\n"),
+    "decimal commas": lambda text: text.replace(",", ";").replace(".", ","),
+    # the degree sign is one byte, which is no UTF-8
+    "Latin-1": lambda text: lines(text, "{},room (\udcb0C)", "{},21"),
+    "Fortran": lambda text: re.sub(r"e([-+]\d\d)", r"D\1", text),
+    "remarks": lambda text: f"% made by a solver\n% {text}",
+    # as Excel's "Unicode text"
+    "UTF-16": lambda text: ("\ufeff" + text).encode("utf-16-le").decode("utf-8", "surrogateescape"),
+    "repeated header": repeated_header,
+    "CFD-Post": cfd_post,
+}
 
 
-@pytest.mark.parametrize("change", DIALECTS, ids=lambda change: change.__name__)
-def test_dialects(tmp_path: Path, change: Any) -> None:
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_dialects(tmp_path: Path, dialect: str) -> None:
     path = write_tables(tmp_path, foam.sample())
     expected = notes_of(path)
-    mapping = parcels(path, change)
-    if change is decimal_commas:
+    mapping = parcels(path, DIALECTS[dialect])
+    if dialect == "decimal commas":
         path.write_text(yaml.safe_dump(mapping))
         refused(path, r"not all numbers.*`decimal: ','`")
         mapping["parcels"]["decimal"] = ","
