@@ -271,6 +271,20 @@ def test_the_unit_is_read_from_the_controller(unit: Unit) -> None:
         after_a_crash.close()
 
 
+def test_a_rejected_blind_set_point_does_not_leave_it_hot() -> None:
+    """In a controller in kelvin, 21.85 is below its lower limit: it rejects what another process,
+    after a crash, writes as degrees Celsius before it has read the unit."""
+    own = {name: getattr(MAPS["eurotherm-3200"], name) for name in ("temperature", "setpoint")}
+    known = RegisterMap(**own, unit_register=100)
+    with ModbusPeer(registers=known, start_K=440.0) as peer:
+        peer.temperature_unit, peer.least_K = "kelvin", 273.0
+        after_a_crash = eurotherm(peer, registers=known.model_dump())
+        after_a_crash.take_over()
+        assert after_a_crash.make_safe().connected
+        assert peer.setpoint_K == pytest.approx(295.0, abs=0.01)
+        after_a_crash.close()
+
+
 @pytest.mark.parametrize("model", ["ir-2100", "eurotherm-3200"])
 def test_a_unit_that_no_register_gives_is_stated(model: str) -> None:
     with pytest.raises(SceneError, match="temperature_unit: required"):

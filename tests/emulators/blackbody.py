@@ -17,6 +17,8 @@ from tests.emulators.lines import AtOneLine, Terminals
 from tests.patience import HANG_s
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from pymodbus.constants import ExcCodes
+
     from drivers.controller import UNITS, Unit, from_kelvin, to_kelvin
     from drivers.heater import Heater
     from drivers.modbus_registers import MAPS, RegisterMap
@@ -95,6 +97,7 @@ class ModbusPeer(Peer):
         self._terminals = Terminals()
         self._master = -1
         self.noise: Callable[[bytes], bytes] = lambda answer: b""  # ahead of it, on a serial line
+        self.least_K = 0.0  # set points below it are rejected
         self.request = b""
 
     def __enter__(self) -> ModbusPeer:
@@ -190,17 +193,23 @@ class ModbusPeer(Peer):
         count: int,
         current: list[int],
         values: list[int] | list[bool] | None,
-    ) -> None:
+    ) -> ExcCodes | None:
         """Called before pymodbus stores `values`, or answers `current`, which begins at `start`."""
         setpoint = self._map.setpoint
         if values is not None and address == setpoint.address and len(values) == setpoint.words:
             self.writes += 1
             number = setpoint.decode([int(word) for word in values])
-            self.heater.aim(to_kelvin(number, self.temperature_unit))
+            wanted_K = to_kelvin(number, self.temperature_unit)
+            if wanted_K < self.least_K:
+                from pymodbus.constants import ExcCodes
+
+                return ExcCodes.ILLEGAL_VALUE
+            self.heater.aim(wanted_K)
         for register, words in self._words().items():
             at = register - start
             if 0 <= at <= len(current) - len(words):
                 current[at : at + len(words)] = words
+        return None
 
     def _words(self) -> dict[int, tuple[int, ...]]:
         """Present content of the registers, by address."""
