@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit import arrays
+from cldit.arrays import Floats
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.medium import corners, rasterise
@@ -18,7 +19,6 @@ from cldit.medium.deposit import Directory, PlacedBoxes, place_boxes, touched_br
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.rasterise import REACH, BoxRasteriser, CloudRasteriser
 
-Floats = NDArray[np.float64]
 CELLS = 24  # three bricks
 LEAST = 1e-8  # variance of a point, in cells squared
 

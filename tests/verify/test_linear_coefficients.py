@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
@@ -21,7 +22,6 @@ from cldit.transport.trace import TraceSettings, trace
 from tests.kernels.cell_twin import linear_of
 from tests.phase_tables import henyey_greenstein
 
-Floats = NDArray[np.float64]
 EDGE_M, SIGMA_M, PIXELS = 0.16, 0.012, 37
 CENTRE_M = np.array([0.0013, -0.0021, 0.0017])  # nowhere a centre of cells
 HOT_M = np.array([0.006, 0.0, -0.004])  # centre of what emits, with the same width

@@ -11,8 +11,8 @@ from dataclasses import replace
 import miepython
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -22,8 +22,6 @@ from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.size_classes import in_size_classes
 from cldit.transport.trace import Trace, settings_for, trace
-
-Floats = NDArray[np.float64]
 
 UM, N, K = 3.4, 1.338, 0.0341
 SMALL, LARGE = 2e-6, 18e-6

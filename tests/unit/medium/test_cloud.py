@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
@@ -15,8 +16,6 @@ from cldit.medium.deposit import place_droplets, touched_bricks
 from cldit.medium.frame import BRICK, Frame
 from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray
-
-Floats = NDArray[np.float64]
 
 
 def frame(leaf_edge_m: float, edge_m: float = 0.1) -> Frame:

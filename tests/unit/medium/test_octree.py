@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.medium.deposit import PlacedBoxes, PlacedPoints, place_boxes
 from cldit.medium.frame import Frame
@@ -16,7 +16,6 @@ from cldit.medium.octree import FIELDS, CellSource, Octree, PointSource, build_o
 from cldit.spray.result import Cells, Vapour
 
 EDGE = 0.2
-Floats = NDArray[np.float64]
 
 
 def frame(leaf_edge_m: float) -> Frame:

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -24,7 +24,6 @@ from cldit.medium.resolution import (
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells
 
-Floats = NDArray[np.float64]
 EDGE = 0.2
 CUBE = Frame(lower_m=(-0.1, -0.1, -0.1), edge_m=EDGE, depth=0)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.medium.frame import Frame
 from cldit.medium.limiter import limited
 from cldit.medium.octree import CellSource, Octree, build_octree
@@ -15,7 +16,6 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.linear_coefficients import LEAST
 from tests.kernels.cell_twin import RecordsTwin, linear_of, middles_of, relative_gradient
 
-Floats = NDArray[np.float64]
 CELLS = 64
 FRAME = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
 
