@@ -11,7 +11,7 @@ import pytest
 
 from cldit.errors import SceneError
 from cldit.io.plain_data import parse_yaml
-from cldit.rig.clock import SystemClock
+from cldit.rig.clock import Clock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe
 from cldit.testing.bed import opened
@@ -32,7 +32,7 @@ else:
     from cldit.drivers.line_templates import pattern
     from cldit.drivers.modbus_registers import MAPS, Register, RegisterMap
 
-CONTEXT = RigContext(SystemClock(), None, Path(), 1)
+CONTEXT = RigContext(Clock(), None, Path(), 1)
 
 
 @pytest.mark.parametrize(

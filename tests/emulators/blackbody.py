@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cldit.rig.clock import Clock, SystemClock
+from cldit.rig.clock import Clock
 from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Fault, Replies
 from tests.emulators.lines import AtOneLine, Terminals
 from tests.patience import HANG_s
@@ -53,7 +53,7 @@ class Peer:
         serial: bool = False,
         port: int = 0,
     ) -> None:
-        self.heater = Heater(clock or SystemClock(), start_K, time_constant_s)
+        self.heater = Heater(clock or Clock(), start_K, time_constant_s)
         self.host, self.port = "127.0.0.1", port
         self.serial: str | None = None
         self.replies = Replies()
