@@ -12,6 +12,7 @@ from cldit.acquisition.plan import Group
 from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
+from cldit.dit.budget import PARTS
 from cldit.dit.delay_table import DelayRow, table_csv
 from cldit.dit.maps import Maps
 from cldit.dit.recorded import EVALUATION, CurveSource, Evaluation, evaluate_shots
@@ -22,6 +23,12 @@ from cldit.io.files import write_text
 from cldit.io.images import write_maps
 from cldit.io.origin import Origin, files_read
 from cldit.run import Run, Say
+
+_OF_MODEL = {  # maps with their units
+    "medium_temperature_K": "K",
+    "medium_temperature_standard_error_K": "K",
+    "scattered_share": "1",
+}
 
 
 @dataclass(frozen=True)
@@ -191,10 +198,14 @@ def evaluate_recorded(
         remarks=(*remarks, *evaluation.remarks),
         origin=Origin.now(inputs=files_read(recorded.inputs)),
     )
+    # Of an earlier evaluation, which may have had parts that this one has not
+    for stale in (*(place / PARTS).glob("*.tif"), *(place / f"{name}.tif" for name in _OF_MODEL)):
+        stale.unlink(missing_ok=True)
     evaluation.maps.save(place, pixel_m=recorded.pixel_m)
     if evaluation.budget is not None:
         evaluation.budget.save(place, pixel_m=recorded.pixel_m)
     files = [place / f"{item.name}.tif" for item in fields(Maps)]
+    files += (place / PARTS).glob("*.tif")
     write_sealed(place / EVALUATION, evaluation.to_dict(), files)
     return evaluation
 
@@ -234,10 +245,9 @@ def evaluate_scattering(
         surroundings = replace(surroundings, patches=model.scene.patches)
     scattered = scattered_by(spray, reference, enclosure(surroundings, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)
-    images = {
-        "medium_temperature_K": (medium.temperature_K, "K"),
-        "medium_temperature_standard_error_K": (medium.standard_error_K, "K"),
-        "scattered_share": (medium.share, "1"),
+    images = (medium.temperature_K, medium.standard_error_K, medium.share)
+    named = {
+        name: (image, unit) for (name, unit), image in zip(_OF_MODEL.items(), images, strict=True)
     }
-    write_maps(maps, images, pixel_m=recorded.pixel_m)
+    write_maps(maps, named, pixel_m=recorded.pixel_m)
     return medium

@@ -19,8 +19,10 @@ from cldit.acquisition.measured import open_measured
 from cldit.acquisition.measured_draft import write_measured
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.cli import main
+from cldit.dit.budget import load_parts
 from cldit.dit.maps import Maps, Reason
-from cldit.errors import ClditError, EvaluationError, SceneError
+from cldit.errors import ClditError, EvaluationError, RunFolderError, SceneError
+from cldit.io.digests import read_sealed
 from cldit.optics.planck import band_radiance
 from cldit.rig.load import Setup
 from tests.bench.evaluation import bench_evaluation
@@ -187,6 +189,21 @@ def test_celsius_the_injectors_pixel_and_a_dead_pixel(tiffs: Path) -> None:
     assert Setup.model_validate(setup.model_dump(mode="json")) == setup  # in acquisitions
     maps = evaluate_folder(tiffs).maps
     assert maps.reason[7, 9] == Reason.BAD_PIXEL and maps.count()[Reason.BAD_PIXEL] == 1
+
+
+def test_errors_of_an_earlier_evaluation_are_not_left(tiffs: Path) -> None:
+    """The walls' error is stated, and then another: a comparison reads the parts that are left."""
+    data = _data(tiffs)
+    for error_K in (5.0, 3.0):
+        stated = {"background_emissivity": 0.9, "uncertainty": {"wall_temperature_K": error_K}}
+        _write(tiffs, {**data, "setup": {**data["setup"], **stated}})
+        evaluate_folder(tiffs)
+        (walls,) = (part for part in load_parts(tiffs / "maps")[0] if "walls" in part.name)
+        assert f"by {error_K:g} K" in walls.name
+    some = next((tiffs / "maps" / "budget").glob("*_K.tif"))
+    some.write_bytes(some.read_bytes()[:-1] + b"x")
+    with pytest.raises(RunFolderError, match=f"{some.name}: .*damaged"):
+        read_sealed(tiffs / "maps" / "evaluation.json")
 
 
 @pytest.mark.parametrize(
