@@ -1,7 +1,7 @@
 """Evaluation of the shots in a folder, of an acquisition or measured; maps are stored beside."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,23 +12,13 @@ from cldit.acquisition.plan import Group
 from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
-from cldit.dit.budget import PARTS
 from cldit.dit.delay_table import DelayRow, table_csv
-from cldit.dit.maps import Maps
-from cldit.dit.recorded import EVALUATION, CurveSource, Evaluation, evaluate_shots
+from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
-from cldit.io.digests import write_sealed
 from cldit.io.files import write_text
-from cldit.io.images import write_maps
 from cldit.io.origin import Origin, files_read
 from cldit.run import Run, Say
-
-_OF_MODEL = {  # maps with their units
-    "medium_temperature_K": "K",
-    "medium_temperature_standard_error_K": "K",
-    "scattered_share": "1",
-}
 
 
 @dataclass(frozen=True)
@@ -198,15 +188,7 @@ def evaluate_recorded(
         remarks=(*remarks, *evaluation.remarks),
         origin=Origin.now(inputs=files_read(recorded.inputs)),
     )
-    # Of an earlier evaluation, which may have had parts that this one has not
-    for stale in (*(place / PARTS).glob("*.tif"), *(place / f"{name}.tif" for name in _OF_MODEL)):
-        stale.unlink(missing_ok=True)
-    evaluation.maps.save(place, pixel_m=recorded.pixel_m)
-    if evaluation.budget is not None:
-        evaluation.budget.save(place, pixel_m=recorded.pixel_m)
-    files = [place / f"{item.name}.tif" for item in fields(Maps)]
-    files += (place / PARTS).glob("*.tif")
-    write_sealed(place / EVALUATION, evaluation.to_dict(), files)
+    evaluation.save(place, pixel_m=recorded.pixel_m)
     return evaluation
 
 
@@ -245,9 +227,5 @@ def evaluate_scattering(
         surroundings = replace(surroundings, patches=model.scene.patches)
     scattered = scattered_by(spray, reference, enclosure(surroundings, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)
-    images = (medium.temperature_K, medium.standard_error_K, medium.share)
-    named = {
-        name: (image, unit) for (name, unit), image in zip(_OF_MODEL.items(), images, strict=True)
-    }
-    write_maps(maps, named, pixel_m=recorded.pixel_m)
+    medium.save(maps, pixel_m=recorded.pixel_m)
     return medium

@@ -18,6 +18,7 @@ linear in the L_j (`medium_of_enclosures`). Only a model can separate vapour and
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -25,12 +26,14 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
+from cldit.io.images import write_maps
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights, background_radiance
 
 LEAST_OWN = 0.1  # least share of epsilon of the medium's own light for a result
 _APART = 1e-6  # relative difference of radiances from which enclosures differ: 5e-5 K at 450 K
 WALL = "wall"
+MEDIUM = ("medium_temperature_K", "medium_temperature_standard_error_K", "scattered_share")
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,11 @@ class Medium:
     standard_error_K: Floats
     share: Floats
     share_error: Floats
+
+    def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
+        """Writes the maps `MEDIUM` into `folder`, with pixels of `pixel_m`."""
+        images = (self.temperature_K, "K"), (self.standard_error_K, "K"), (self.share, "1")
+        write_maps(folder, dict(zip(MEDIUM, images, strict=True)), pixel_m=pixel_m)
 
 
 def enclosure(surroundings: Surroundings, curve: Curve) -> dict[str, float]:
