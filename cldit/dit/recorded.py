@@ -19,7 +19,7 @@ from cldit.dit.chance import FEW, IMPROBABLE
 from cldit.dit.drift_axis import DriftAxis, drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
-from cldit.dit.maps import Maps, Reason
+from cldit.dit.maps import EVALUATION, Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
 from cldit.dit.scattering import MEDIUM
 from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, exclude, ignore_saturated
@@ -38,8 +38,6 @@ from cldit.radiance.boundary import Boundary
 Watch = Callable[[int, int], None]
 
 CurveSource = Literal["planck", "fitted"]
-
-EVALUATION = "evaluation.json"
 
 
 @dataclass(frozen=True, kw_only=True)

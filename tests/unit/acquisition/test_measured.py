@@ -19,10 +19,10 @@ from cldit.acquisition.measured import open_measured
 from cldit.acquisition.measured_draft import write_measured
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.cli import main
+from cldit.comparison.shown import open_shown
 from cldit.dit.budget import load_parts
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import ClditError, EvaluationError, RunFolderError, SceneError
-from cldit.io.digests import read_sealed
 from cldit.optics.planck import band_radiance
 from cldit.rig.load import Setup
 from tests.bench.evaluation import bench_evaluation
@@ -200,10 +200,16 @@ def test_errors_of_an_earlier_evaluation_are_not_left(tiffs: Path) -> None:
         evaluate_folder(tiffs)
         (walls,) = (part for part in load_parts(tiffs / "maps")[0] if "walls" in part.name)
         assert f"by {error_K:g} K" in walls.name
-    some = next((tiffs / "maps" / "budget").glob("*_K.tif"))
-    some.write_bytes(some.read_bytes()[:-1] + b"x")
-    with pytest.raises(RunFolderError, match=f"{some.name}: .*damaged"):
-        read_sealed(tiffs / "maps" / "evaluation.json")
+
+
+@pytest.mark.parametrize("name", ["emissivity.tif", "budget/walls*_K.tif"])
+def test_maps_that_a_kill_left_of_two_evaluations_are_named(tiffs: Path, name: str) -> None:
+    """A map of another evaluation is a good file, and belongs to none of the others."""
+    evaluate_folder(tiffs)
+    (place,) = (tiffs / "maps").glob(name)
+    place.write_bytes((tiffs / "maps" / "fit_probability.tif").read_bytes())
+    with pytest.raises(RunFolderError, match=rf"{place.name}: is damaged: it differs"):
+        open_shown(tiffs)
 
 
 @pytest.mark.parametrize(
