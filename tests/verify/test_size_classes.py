@@ -15,7 +15,7 @@ import pytest
 from cldit.arrays import Floats
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import Octree, PointSource, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.mie_phase import SizeBins
@@ -85,7 +85,7 @@ def medium(denser: float = 1.0) -> tuple[Octree, ScatteringTable]:
         none,
         class_scattering_m2=(np.where(number == 1, scattering, 0.0),),
     )
-    frame = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=1.01 * cell)
+    frame = Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=1.01 * cell)
     return build_octree(frame, points, [], optical_depth_split=1.0), phase
 
 
