@@ -134,6 +134,11 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> FolderContent:
             )
     elif entries or pictures:
         raise RunFolderError(f"{folder}: holds images but no {PLAN}; choose another folder")
+    if (entries or pictures) and not salvage and not (folder / CONFIGURATION).exists():
+        raise RunFolderError(
+            f"{folder / CONFIGURATION}: is missing beside images; restore it, or choose another "
+            "folder: today's rig may have another calibration"
+        )
     planned = {shot.id for shot in plan.steps()}
     for path in pictures:
         if path.stem not in planned:
