@@ -30,6 +30,7 @@ from cldit.dit.witness.levels import brightness
 from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
 from cldit.io.digests import write_sealed
+from cldit.io.files import written
 from cldit.io.origin import Origin, versions
 from cldit.optics.response import from_plain
 from cldit.optics.visible import VISIBLE_EMISSIVITY
@@ -92,11 +93,12 @@ class Evaluation:
         """Writes the maps, the budget and the rest into `folder`, with pixels of `pixel_m`.
 
         The parts of the budget and the maps of a model that an earlier evaluation wrote are
-        removed: this one may have others.
+        removed: this one may have others. Raises FileError and DiskFull.
         """
         earlier = (*(folder / PARTS).glob("*.tif"), *(folder / f"{name}.tif" for name in MEDIUM))
-        for path in earlier:
-            path.unlink(missing_ok=True)
+        with written(folder):
+            for path in earlier:
+                path.unlink(missing_ok=True)
         self.maps.save(folder, pixel_m=pixel_m)
         if self.budget is not None:
             self.budget.save(folder, pixel_m=pixel_m)
