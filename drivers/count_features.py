@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from cldit.rig.checks import ROUNDING
 from cldit.rig.errors import ConfigRejected
 
-from .genicam_client import Client
+from .genicam import Client
 
 Value = bool | int | float | str
 

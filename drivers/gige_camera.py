@@ -27,8 +27,7 @@ from cldit.rig.protocols import (
 )
 
 from .count_features import read_features, set_features, unstated
-from .genicam import Features
-from .genicam_client import Client, GigeSettings
+from .genicam import Client, GigeSettings
 
 _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
@@ -60,7 +59,6 @@ class GenicamCamera(Linked):
         )
         self._settings = settings
         self._client: Client | None = None
-        self._features: Features | None = None
         self._told = "not armed"
         self._streams = False
         self._info = DeviceInfo("camera", "?", "GigE Vision camera", tested_on_hardware=False)
@@ -97,10 +95,9 @@ class GenicamCamera(Linked):
 
     def _begin(self) -> None:
         settings = self._settings
-        self._client = Client(settings, self._asking)
-        features = self._features = Features(self._client)
-        if features.has("GevHeartbeatTimeout"):
-            features.client.set_integer("GevHeartbeatTimeout", round(1e3 * settings.heartbeat_s))
+        client = self._client = Client(settings, self._asking)
+        if client.has("GevHeartbeatTimeout"):
+            client.set_integer("GevHeartbeatTimeout", round(1e3 * settings.heartbeat_s))
 
     def _identify(self) -> None:
         self.disarm()  # before anything is read that could be impossible
@@ -115,12 +112,12 @@ class GenicamCamera(Linked):
             raise NotConnected(f"camera: its frame rate is {rate_Hz:g} Hz, expected more than 0")
         self._period_s = 1.0 / rate_Hz
         self._clock_offset_ns = features.clock_offset_ns()
-        set_features(features.client, settings.features)
+        set_features(features, settings.features)
         features.choose("PixelFormat", settings.pixel_format)
         self.configure(settings.calibration.integration_time_s)
 
     def _drop(self) -> None:
-        client, self._client, self._features = self._client, None, None
+        client, self._client = self._client, None
         self._armed = self._streams = False
         if client is not None:
             client.close()
@@ -140,7 +137,7 @@ class GenicamCamera(Linked):
     def read_configuration(self) -> dict[str, Any]:
         settings = self._read_settings()
         roi = settings.roi
-        counting = read_features(self._connected().client)
+        counting = read_features(self._connected())
         return {
             "address": self._settings.address,
             "line": self._settings.line,
@@ -191,7 +188,7 @@ class GenicamCamera(Linked):
             ("OffsetX", part.x),
             ("OffsetY", part.y),
         ):
-            self._connected().set_integer(name, value)
+            self._connected().put_integer(name, value)
         return self._read_settings()
 
     def prepare(self, trigger: TriggerInfo) -> None:
@@ -209,7 +206,7 @@ class GenicamCamera(Linked):
     # Images
 
     def arm(self) -> None:
-        client = self._connected().client
+        client = self._connected()
         if self._trigger is None:
             raise ConfigRejected("camera: prepare() before arm()")
         # Block ids count from 1 after each start. On the old stream the client would ignore them as
@@ -245,7 +242,7 @@ class GenicamCamera(Linked):
             self._counts["missed"] += 1
             return
         time.sleep(max(self._last_trigger_s + 1.05 * self._period_s - time.monotonic(), 0.0))
-        self._connected().client.execute("TriggerSoftware")
+        self._connected().execute("TriggerSoftware")
         self._last_trigger_s = time.monotonic()  # the exposure was before this
         self._triggered += 1
 
@@ -261,7 +258,7 @@ class GenicamCamera(Linked):
             yield frame
 
     def disarm(self) -> None:
-        self._connected().client.stop()
+        self._connected().stop()
         self._armed, self._told = False, "disarmed"
 
     def statistics(self) -> dict[str, int]:
@@ -269,7 +266,7 @@ class GenicamCamera(Linked):
 
     def _next(self, timeout_s: float) -> Frame | None:
         """The next frame; None if none arrives in time."""
-        client = self._connected().client
+        client = self._connected()
         if not self._streams:
             time.sleep(timeout_s)
             return None
@@ -294,11 +291,9 @@ class GenicamCamera(Linked):
     # The camera's features
 
     def _read_settings(self) -> Settings:
-        roi = Roi(
-            *(self._connected().integer(name) for name in ("OffsetX", "OffsetY", "Width", "Height"))
-        )
-        pixel_format = self._connected().client.get_enum("PixelFormat")
-        return Settings(self._connected().exposure_s(), roi, pixel_format)
+        client = self._connected()
+        roi = Roi(*map(client.get_integer, ("OffsetX", "OffsetY", "Width", "Height")))
+        return Settings(client.exposure_s(), roi, client.get_enum("PixelFormat"))
 
     def _calibration(self, integration_time_s: float) -> Calibration:
         stated = self._settings.calibration
@@ -306,10 +301,10 @@ class GenicamCamera(Linked):
         values["counts_per_radiance"] *= integration_time_s / stated.integration_time_s
         return Calibration(**values)
 
-    def _connected(self) -> Features:
+    def _connected(self) -> Client:
         with self._asking():  # raises if it is not connected
-            assert self._features is not None
-            return self._features
+            assert self._client is not None
+            return self._client
 
 
 def open_gige_camera(settings: dict[str, Any], context: RigContext) -> GenicamCamera:

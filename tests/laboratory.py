@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
 from cldit.acquisition.plan import Plan
+from cldit.arrays import Floats
 from cldit.camera.calibration import Calibration
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.scene.vessel import Window
 from tests.verify.evaluation_bias import Recorded, Shot
-
-Floats = NDArray[np.float64]
 
 FILTER_UM = (3.3, 3.5)
 BACKGROUNDS_K = (423.0, 453.0, 483.0, 523.0)

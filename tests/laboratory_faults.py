@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import shift
 
+from cldit.arrays import Floats
 from cldit.optics.planck import temperature_of_radiance
 from tests.laboratory import BACKGROUNDS_K, CAMERA, FILTER_UM, Laboratory, laboratory
 from tests.verify.evaluation_bias import Shot
 
-Floats = NDArray[np.float64]
 Change = Callable[[Shot], Shot]
 
 SHAPE = (36, 48)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.rig.clock import StopCheck, SystemClock
+from cldit.rig.clock import Clock, StopCheck
 from cldit.rig.load import DriverChoice, Rig, RigFile, Setup
 from cldit.rig.protocols import (
     Burst,
@@ -143,4 +143,4 @@ def prompt_rig(sensor: tuple[int, int]) -> Rig:
     choice = DriverChoice(driver="bench")
     setup = Setup(pixel_m=(1e-4, 1e-4))
     file = RigFile(name="bench", setup=setup, camera=choice, background=choice, trigger=choice)
-    return Rig(_Camera(sensor), _Background(), _Trigger(), SystemClock(), file)
+    return Rig(_Camera(sensor), _Background(), _Trigger(), Clock(), file)

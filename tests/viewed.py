@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.dit.traced_maps import evaluated, sensor_of
+from cldit.dit.evaluate import evaluated, sensor_of
 from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.weights import Weights

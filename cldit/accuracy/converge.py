@@ -31,8 +31,8 @@ from cldit.accuracy.sources.pixel_sampling import MOST_RAYS, PIXEL_SAMPLING
 from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.camera.sensor import SensorModel
+from cldit.dit.evaluate import evaluated, sensor_of
 from cldit.dit.maps import Maps
-from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.medium.octree import build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.medium import Medium

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.errors import Errors
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.resolution import counted
 from cldit.prepare.cell_choice import cell_bytes, memory_bytes
 from cldit.prepare.medium import Prepared
@@ -54,7 +54,7 @@ _FEW_ORDINATES = 24  # of an image of 4 K or so
 
 def expected(
     prepared: Prepared,
-    frame: Frame,
+    frame: Cube,
     settings: Sequence[TraceSettings],
     *,
     coarse: Sequence[TraceCost],

@@ -21,7 +21,7 @@ from cldit.accuracy.resolution import lattice_depth
 from cldit.accuracy.trace_error import TraceError
 from cldit.arrays import Ints
 from cldit.errors import MediumError, SprayError, TransportError
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import Sources, build_octree
 from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
@@ -179,12 +179,12 @@ class VariantTracer:
             )
         return self.levels[cell_m]
 
-    def frame(self, cell_m: float) -> Frame:
+    def frame(self, cell_m: float) -> Cube:
         """The cube in cells of this edge: of a lattice at least the domain, else its halvings."""
         if self.prepared.on_lattice:
             domain = self.scene.domain
             edge_m = math.ldexp(cell_m, lattice_depth(domain.edge_m, cell_m))
-            return Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=1.001 * cell_m)
+            return Cube.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=1.001 * cell_m)
         cube = self.prepared.cube
         return cube.at(round(math.log2(cube.edge_m / cell_m)))
 

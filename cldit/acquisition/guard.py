@@ -21,7 +21,7 @@ from cldit.io.exclusive import exclusive
 from cldit.io.files import append_text
 from cldit.io.plain_data import dump_yaml, parse_yaml
 from cldit.io.terminal import warn
-from cldit.rig.clock import SystemClock
+from cldit.rig.clock import Clock
 from cldit.rig.link import CONNECT_s
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.safety import RigSafety
@@ -131,7 +131,7 @@ def watch(stream: IO[bytes], folder: Path) -> int:
         alarm(problems)
     # A folder in use: that process sees the rig itself.
     with suppress(ClditError), exclusive(folder, RUNNING):
-        _note(folder, safety, SystemClock().wall_time())
+        _note(folder, safety, Clock().wall_time())
     return int(bool(problems))
 
 

@@ -83,8 +83,8 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bo
     return Ready(
         configuration=configuration,
         shape=(picture.shape[0], picture.shape[1]),
-        integration_time_s=settings.integration_time_s,
-        saturation_counts=capabilities.saturation_counts,
+        integration_time_s=float(settings.integration_time_s),
+        saturation_counts=int(capabilities.saturation_counts),
         minimum_period_s=capabilities.minimum_period_s,
         trigger=external_trigger(modes, plan.frames),
         picture_bytes=picture_bytes,

@@ -132,11 +132,11 @@ class Shooter:
 
     def _of_frames(self, frames: list[Frame], image: NDArray[np.uint16]) -> dict[str, Any]:
         """Metadata of the images."""
-        times_ns = [frame.device_timestamp_ns for frame in frames]
+        times_ns = [int(frame.device_timestamp_ns) for frame in frames]  # int of numpy, too
         return {
-            "frame_id": frames[0].frame_id,
+            "frame_id": int(frames[0].frame_id),
             "device_timestamp_ns": times_ns[0],
-            "host_timestamp_ns": frames[0].host_timestamp_ns,
+            "host_timestamp_ns": int(frames[0].host_timestamp_ns),
             **({"frame_timestamps_ns": times_ns} if len(frames) > 1 else {}),
             "integration_time_s": self._ready.integration_time_s,
             "saturation_counts": self._ready.saturation_counts,

@@ -134,6 +134,11 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> FolderContent:
             )
     elif entries or pictures:
         raise RunFolderError(f"{folder}: holds images but no {PLAN}; choose another folder")
+    if (entries or pictures) and not salvage and not (folder / CONFIGURATION).exists():
+        raise RunFolderError(
+            f"{folder / CONFIGURATION}: is missing beside images; restore it, or choose another "
+            "folder: today's rig may have another calibration"
+        )
     planned = {shot.id for shot in plan.steps()}
     for path in pictures:
         if path.stem not in planned:
@@ -142,7 +147,12 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> FolderContent:
     keyed = [((entry.get("shot", ""), entry.get("attempt", -1)), entry) for entry in entries]
     fired = {key: entry for key, entry in keyed if entry["event"] == "fired"}
     ended = {key for key, entry in keyed if entry["event"] in ("saved", "rejected", "lost")}
-    recorded = {key[0]: entry for key, entry in keyed if entry["event"] == "saved"}
+    newest = dict(fired.keys())  # attempt by shot; once it is taken again, an earlier line is void
+    recorded = {
+        shot: entry
+        for (shot, attempt), entry in keyed
+        if entry["event"] == "saved" and attempt >= newest.get(shot, attempt)
+    }
     saved = {shot_id: entry for shot_id, entry in recorded.items() if shot_id in present}
     adoptable: dict[str, dict[str, Any]] = {}
     torn: list[str] = []

@@ -1,7 +1,7 @@
 """Evaluation of the shots in a folder, of an acquisition or measured; maps are stored beside."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -13,13 +13,10 @@ from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow, table_csv
-from cldit.dit.maps import Maps
-from cldit.dit.recorded import EVALUATION, CurveSource, Evaluation, evaluate_shots
+from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
-from cldit.io.digests import write_sealed
 from cldit.io.files import write_text
-from cldit.io.images import write_maps
 from cldit.io.origin import Origin, files_read
 from cldit.run import Run, Say
 
@@ -191,11 +188,7 @@ def evaluate_recorded(
         remarks=(*remarks, *evaluation.remarks),
         origin=Origin.now(inputs=files_read(recorded.inputs)),
     )
-    evaluation.maps.save(place, pixel_m=recorded.pixel_m)
-    if evaluation.budget is not None:
-        evaluation.budget.save(place, pixel_m=recorded.pixel_m)
-    files = [place / f"{item.name}.tif" for item in fields(Maps)]
-    write_sealed(place / EVALUATION, evaluation.to_dict(), files)
+    evaluation.save(place, pixel_m=recorded.pixel_m)
     return evaluation
 
 
@@ -234,10 +227,5 @@ def evaluate_scattering(
         surroundings = replace(surroundings, patches=model.scene.patches)
     scattered = scattered_by(spray, reference, enclosure(surroundings, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)
-    images = {
-        "medium_temperature_K": (medium.temperature_K, "K"),
-        "medium_temperature_standard_error_K": (medium.standard_error_K, "K"),
-        "scattered_share": (medium.share, "1"),
-    }
-    write_maps(maps, images, pixel_m=recorded.pixel_m)
+    medium.save(maps, pixel_m=recorded.pixel_m)
     return medium

@@ -26,7 +26,7 @@ _AFTER_END_m = 1e-3  # largest error of a nozzle that is inferred after the end 
 
 
 @dataclass(frozen=True)
-class Frame:
+class InjectorFrame:
     """Nozzle nozzle_m (3,) and unit axis (3,) in the case's coordinates; remarks on their source.
 
     error_m: error of a nozzle inferred from parcels; else 0.
@@ -53,7 +53,7 @@ def cross_matrix(vector: Floats) -> Floats:
     return np.cross(np.eye(3), vector)
 
 
-def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
+def find_frame(spec: CfdSpray, case: CfdCase) -> InjectorFrame:
     """Nozzle and axis from the scene's `spec`, else the injectors of `case`, else its parcels."""
     remarks: list[str] = []
     share = spec.parcels_left_out
@@ -65,7 +65,7 @@ def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
         _check_place(case, nozzle)
     else:
         nozzle, error_m = _nozzle(case, axis, share, remarks)
-    return Frame(nozzle, axis, tuple(dict.fromkeys(remarks)), error_m)
+    return InjectorFrame(nozzle, axis, tuple(dict.fromkeys(remarks)), error_m)
 
 
 def _unknown(
@@ -216,7 +216,7 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
     )
 
 
-def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:
+def check_downstream(spec: CfdSpray, parcels: Parcels, frame: InjectorFrame) -> None:
     """Refuses a nozzle and axis that place more than half of the liquid behind the nozzle."""
     mass = parcels.masses_kg
     share = float(mass[parcels.position_m[:, 2] > 0.0].sum() / mass.sum()) if mass.sum() else 0.0
@@ -251,7 +251,7 @@ def with_one_frame(
     """
     if find_format(spec) == "cldit" or (spec.nozzle_m is not None and spec.axis is not None):
         return spec, ()
-    frames: list[Frame] = []
+    frames: list[InjectorFrame] = []
     problems: list[SprayError] = []
     places = [len(times) - 1]
     while places[-1] > 0:

@@ -9,7 +9,7 @@ from cldit.arrays import Floats
 from cldit.cfd.case import Boundary, CfdCase, triple
 from cldit.cfd.mesh.cells import CellMesh
 from cldit.cfd.one_state import check_layers
-from cldit.cfd.orientation import Frame, cross_matrix
+from cldit.cfd.orientation import InjectorFrame, cross_matrix
 from cldit.cfd.tolerances import SLACK
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray, Sector
@@ -23,12 +23,14 @@ Pose = tuple[Floats, Floats]
 """Origin (3,) and matrix (3, 3): a place x of the case is matrix (x - origin) in cldit's frame."""
 
 
-def _pose(frame: Frame, turn: Floats, centre_m: Floats) -> Pose:
+def _pose(frame: InjectorFrame, turn: Floats, centre_m: Floats) -> Pose:
     """Pose of a copy of the case that is turned (3, 3), or mirrored, about a centre (3,)."""
     return centre_m - turn.T @ centre_m + turn.T @ frame.nozzle_m, frame.rotation @ turn
 
 
-def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
+def copies(
+    spec: CfdSpray, case: CfdCase, frame: InjectorFrame
+) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
     """Poses of the copies that make the case whole, itself first, and remarks; refuses a part."""
     if spec.sector is not None and spec.symmetry is not None:
         raise SprayError("spray.sector and spray.symmetry are both given; allowed: one of them")
@@ -54,7 +56,9 @@ def completed_parcels(parcels: Parcels, poses: Sequence[Pose]) -> Parcels:
     return Parcels(place, size, droplets, temperature, density, velocity_m_s=velocity)
 
 
-def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
+def _turns(
+    sector: Sector, case: CfdCase, frame: InjectorFrame
+) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
     centre = frame.nozzle_m if sector.centre_m is None else np.array(sector.centre_m)
     axis = frame.axis if sector.axis is None else np.array(sector.axis)
     axis = axis / np.linalg.norm(axis)
@@ -78,7 +82,7 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Pose, ...
 
 
 def _mirrored(
-    normals: Sequence[str], case: CfdCase, frame: Frame
+    normals: Sequence[str], case: CfdCase, frame: InjectorFrame
 ) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
     if not normals:
         return ((frame.nozzle_m, frame.rotation),), ()
@@ -101,7 +105,7 @@ def _mirrored(
     return tuple(poses), (remark,)
 
 
-def _refuse_part(case: CfdCase, frame: Frame) -> None:
+def _refuse_part(case: CfdCase, frame: InjectorFrame) -> None:
     """Refuses a partial case, recognised by its patches or its geometry; name what completes it."""
     for patch in case.boundaries:
         if patch.kind == "empty":

@@ -13,7 +13,7 @@ from cldit.cfd.case import NO_CLOUD, CfdCase, choose_time, time_remarks, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
 from cldit.cfd.names import SAME_MOLAR_MASS, fuel_of, other_fuels, with_molar_mass
-from cldit.cfd.orientation import Frame, check_downstream, find_frame
+from cldit.cfd.orientation import InjectorFrame, check_downstream, find_frame
 from cldit.cfd.plausible import (
     SECOND,
     assumptions,
@@ -302,7 +302,7 @@ def _vapour(
 
 
 def _notes(
-    case: CfdCase, gas: _Gas, parcels: Parcels | None, vapour: Vapour, frame: Frame
+    case: CfdCase, gas: _Gas, parcels: Parcels | None, vapour: Vapour, frame: InjectorFrame
 ) -> dict[str, float]:
     """Figures that show whether the case was read as meant; the ambient temperature is that outside
     the jet, or the hottest if it fills all cells."""

@@ -23,7 +23,7 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.comparison.shown import Shown
 from cldit.comparison.tested import Tested
-from cldit.dit.traced_maps import evaluated, sensor_of
+from cldit.dit.evaluate import evaluated, sensor_of
 from cldit.optics.response import Filter, scene_filter
 
 _LARGEST = 5.0  # stated deviations of an error that explains anything

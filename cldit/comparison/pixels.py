@@ -17,8 +17,8 @@ from cldit.camera.curve import Curve
 from cldit.camera.view import overlap_matrix
 from cldit.comparison.shown import Shown
 from cldit.dit.budget import Part
+from cldit.dit.evaluate import evaluated, sensor_of
 from cldit.dit.maps import Maps, Reason
-from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.errors import EvaluationError
 from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Image, Mask
+from cldit.io.digests import read_sealed
 from cldit.io.images import read_image, words, write_image
 from cldit.radiance.apparent_temperature import has_temperature
 
@@ -39,6 +40,7 @@ _TEXT = {
     Reason.NEGATIVE_RADIANCE: "no emission above zero within noise: no apparent temperature",
 }
 
+EVALUATION = "evaluation.json"  # beside the maps of shots: everything else, and their digests
 _SINCE_0_3 = "error_correlation"
 
 UNITS = {
@@ -133,8 +135,11 @@ class Maps:
         """Reads the files of `save`.
 
         Raises:
-            RunFolderError: a file is missing or damaged.
+            RunFolderError: a file is missing or damaged, or not of the evaluation that is stored
+                beside it, as after a kill.
         """
+        if (folder / EVALUATION).is_file():
+            read_sealed(folder / EVALUATION)
         names = [item.name for item in fields(cls)]
         if not (folder / f"{_SINCE_0_3}.tif").exists():
             names.remove(_SINCE_0_3)

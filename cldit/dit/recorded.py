@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,14 +13,15 @@ from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.dit.agreement import agreeing
-from cldit.dit.budget import Budget, Part, budget, common_parts, curve_boundary
+from cldit.dit.budget import PARTS, Budget, Part, budget, common_parts, curve_boundary
 from cldit.dit.camera_of_shots import completed, defective, seeing, stated_saturation
 from cldit.dit.chance import FEW, IMPROBABLE
 from cldit.dit.drift_axis import DriftAxis, drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
-from cldit.dit.maps import Maps, Reason
+from cldit.dit.maps import EVALUATION, Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
+from cldit.dit.scattering import MEDIUM
 from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, exclude, ignore_saturated
 from cldit.dit.solve import KINDS, Signals, solve
 from cldit.dit.witness.examine import Examined, examine, examine_images
@@ -27,6 +29,8 @@ from cldit.dit.witness.finding import Witness, refuse
 from cldit.dit.witness.levels import brightness
 from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
+from cldit.io.digests import write_sealed
+from cldit.io.files import written
 from cldit.io.origin import Origin, versions
 from cldit.optics.response import from_plain
 from cldit.optics.visible import VISIBLE_EMISSIVITY
@@ -35,8 +39,6 @@ from cldit.radiance.boundary import Boundary
 Watch = Callable[[int, int], None]
 
 CurveSource = Literal["planck", "fitted"]
-
-EVALUATION = "evaluation.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +88,22 @@ class Evaluation:
         if self.budget is not None:
             lines += self.budget.lines
         return tuple(lines)
+
+    def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
+        """Writes the maps, the budget and the rest into `folder`, with pixels of `pixel_m`.
+
+        The parts of the budget and the maps of a model that an earlier evaluation wrote are
+        removed: this one may have others. Raises FileError and DiskFull.
+        """
+        earlier = (*(folder / PARTS).glob("*.tif"), *(folder / f"{name}.tif" for name in MEDIUM))
+        with written(folder):
+            for path in earlier:
+                path.unlink(missing_ok=True)
+        self.maps.save(folder, pixel_m=pixel_m)
+        if self.budget is not None:
+            self.budget.save(folder, pixel_m=pixel_m)
+        files = [folder / f"{item.name}.tif" for item in fields(Maps)]
+        write_sealed(folder / EVALUATION, self.to_dict(), [*files, *(folder / PARTS).glob("*.tif")])
 
     def to_json(self) -> str:
         """Everything but the maps, as JSON."""

@@ -18,6 +18,7 @@ linear in the L_j (`medium_of_enclosures`). Only a model can separate vapour and
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -25,12 +26,14 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
+from cldit.io.images import write_maps
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights, background_radiance
 
 LEAST_OWN = 0.1  # least share of epsilon of the medium's own light for a result
 _APART = 1e-6  # relative difference of radiances from which enclosures differ: 5e-5 K at 450 K
 WALL = "wall"
+MEDIUM = ("medium_temperature_K", "medium_temperature_standard_error_K", "scattered_share")
 
 
 @dataclass(frozen=True)
@@ -46,17 +49,10 @@ class Medium:
     share: Floats
     share_error: Floats
 
-
-@dataclass(frozen=True)
-class Scattered:
-    """Scattered light, (H, W) each: sum of omega_j with its standard error, sum of omega_j L_j.
-
-    For measured shares, radiance / share is exact and only the share has an error.
-    """
-
-    share: Floats
-    radiance: Floats
-    share_error: Floats
+    def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
+        """Writes the maps `MEDIUM` into `folder`, with pixels of `pixel_m`."""
+        images = (self.temperature_K, "K"), (self.standard_error_K, "K"), (self.share, "1")
+        write_maps(folder, dict(zip(MEDIUM, images, strict=True)), pixel_m=pixel_m)
 
 
 def enclosure(surroundings: Surroundings, curve: Curve) -> dict[str, float]:
@@ -71,7 +67,9 @@ def enclosure(surroundings: Surroundings, curve: Curve) -> dict[str, float]:
     return parts
 
 
-def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float]) -> Scattered:
+def scattered_by(
+    spray: Weights, reference: Weights, parts: Mapping[str, float]
+) -> tuple[Floats, Floats]:
     """Scattered shares from a trace: gain of each part's light over loss of the background's.
 
     Args:
@@ -79,7 +77,8 @@ def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float])
         parts: radiances of `enclosure`.
 
     Returns:
-        Share and radiance (H, W) of the scattered light of all parts.
+        Share and radiance (H, W) of the scattered light of all parts: sums of omega_j and of
+        omega_j L_j.
 
     Raises:
         EvaluationError: model and measurement have different patches.
@@ -100,10 +99,9 @@ def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float])
         share += gained
         radiance += gained * leaving
     with np.errstate(divide="ignore", invalid="ignore"):
-        return Scattered(
-            share=np.where(lost > 0.0, share / lost, np.nan),
-            radiance=np.where(lost > 0.0, radiance / lost, np.nan),
-            share_error=np.zeros(lost.shape),
+        return (
+            np.where(lost > 0.0, share / lost, np.nan),
+            np.where(lost > 0.0, radiance / lost, np.nan),
         )
 
 
@@ -111,12 +109,12 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
 
 
-def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium:
+def medium_temperature(maps: Maps, scattered: tuple[Floats, Floats], curve: Curve) -> Medium:
     """Temperature of the emitting medium, from apparent temperatures and scattered light.
 
     Args:
         maps: (H, W) measured.
-        scattered: the scattered shares, of the same shape.
+        scattered: share and radiance of `scattered_by`, of the same shape.
         curve: temperature to radiance.
 
     Returns:
@@ -125,24 +123,16 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
     Raises:
         EvaluationError: maps and shares differ in shape.
     """
-    if scattered.share.shape != maps.emissivity.shape:
+    share, light = scattered
+    if share.shape != maps.emissivity.shape:
         raise EvaluationError(
-            f"model: {scattered.share.shape} pixels, the maps have {maps.emissivity.shape}; trace "
-            "the model with the camera of the measurement"
+            f"model: {share.shape} pixels, the maps have {maps.emissivity.shape}; trace the model "
+            "with the camera of the measurement"
         )
     radiance, error = apparent(maps, curve)
-    emitted = 1.0 - scattered.share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = (radiance - scattered.radiance) / emitted
-        mean = np.where(scattered.share > 0.0, scattered.radiance / scattered.share, 0.0)
-        variance = (error / emitted) ** 2 + ((medium - mean) / emitted * scattered.share_error) ** 2
-    return _medium(
-        curve,
-        medium,
-        error=np.sqrt(variance),
-        share=scattered.share,
-        share_error=scattered.share_error,
-    )
+        medium, error = (radiance - light) / (1.0 - share), error / (1.0 - share)
+    return _medium(curve, medium, error=error, share=share, share_error=np.zeros(1))
 
 
 def apparent(maps: Maps, curve: Curve) -> tuple[Floats, Floats]:
@@ -166,44 +156,34 @@ def _medium(
     )
 
 
-def fitted_shares(
-    maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, varied: set[str]
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """B(T_app) as a linear function of the L_j of `varied` parts: omega_j (J, H, W), the constant
-    (H, W), their gradients (J + 1, K) by the K radiances, and the errors (K, H, W) of these."""
-    names = [name for name in enclosures[0] if name in varied]
-    leaving = np.array([[radiances[name] for name in names] for radiances in enclosures])
-    scale = float(np.max(np.abs(leaving)))
-    radiance, errors = (
-        np.stack(images) for images in zip(*(apparent(m, curve) for m in maps), strict=True)
-    )
-    gradients = np.linalg.pinv(np.column_stack([leaving / scale, np.ones(len(maps))]))
-    values = np.tensordot(gradients, radiance, axes=1)
-    gradients = gradients / np.append(np.full(len(names), scale), 1.0)[:, None]
-    return values[:-1] / scale, values[-1], gradients, errors
-
-
-def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
-    """Names of the parts whose light differs between enclosures."""
+def _leaving(enclosures: Sequence[Mapping[str, float]]) -> Floats:
+    """Radiances (K, J) of the J parts of K enclosures, of which each part varies; raises
+    EvaluationError if their shares cannot be separated."""
     names = list(enclosures[0])
     if any(set(radiances) != set(names) for radiances in enclosures):
         raise EvaluationError(f"enclosures: not all have the parts {', '.join(names)}")
     table = np.array([[radiances[name] for name in names] for radiances in enclosures])
-    threshold = _APART * np.max(np.abs(table))
-    varied = [j for j in range(len(names)) if np.ptp(table[:, j]) > threshold]
+    scale = np.max(np.abs(table))
+    varied = [name for name, column in zip(names, table.T, strict=True)
+              if np.ptp(column) > _APART * scale]  # fmt: skip
     if not varied:
         listed = ", ".join(f"{name} {value:.4g}" for name, value in enclosures[0].items())
         raise EvaluationError(
             f"enclosures: do not differ (radiances {listed}); the scattered share needs two "
             "temperatures of the walls or of a patch"
         )
-    chosen = table[:, varied] / np.max(np.abs(table))
+    chosen = table[:, [name in varied for name in names]] / scale
     if np.linalg.matrix_rank(chosen - chosen.mean(axis=0), tol=_APART) < len(varied):
         raise EvaluationError(
-            f"enclosures: {len(enclosures)} do not separate {', '.join(names[j] for j in varied)}; "
+            f"enclosures: {len(enclosures)} do not separate {', '.join(varied)}; "
             "vary each alone once, and measure once more than there are parts"
         )
-    return {names[j] for j in varied}
+    if fixed := set(names) - set(varied):
+        raise EvaluationError(
+            f"enclosures: {', '.join(sorted(fixed))} has one temperature only, so its scattered "
+            "share is unknown; vary it too, or give a model"
+        )
+    return table
 
 
 def medium_of_enclosures(
@@ -214,13 +194,16 @@ def medium_of_enclosures(
     With walls alone it is the intersection of the line B(T_app) over B(T_wall) with the diagonal:
     walls as warm as the medium have no influence. Errors of all maps propagate with correlation.
     """
-    fixed = set(enclosures[0]) - varied_parts(enclosures)
-    if fixed:
-        raise EvaluationError(
-            f"enclosures: {', '.join(sorted(fixed))} has one temperature only, so its scattered "
-            "share is unknown; vary it too, or give a model"
-        )
-    shares, rest, gradients, errors = fitted_shares(maps, enclosures, curve, set(enclosures[0]))
+    leaving = _leaving(enclosures)
+    scale = float(np.max(np.abs(leaving)))
+    radiance, errors = (
+        np.stack(images) for images in zip(*(apparent(m, curve) for m in maps), strict=True)
+    )
+    # B(T_app) is linear in the L_j: omega_j, and the constant
+    gradients = np.linalg.pinv(np.column_stack([leaving / scale, np.ones(len(maps))]))
+    values = np.tensordot(gradients, radiance, axes=1)
+    gradients = gradients / np.append(np.full(leaving.shape[1], scale), 1.0)[:, None]
+    shares, rest = values[:-1] / scale, values[-1]
     share = shares.sum(axis=0)
     of_share = gradients[:-1].sum(axis=0)
     emitted = 1.0 - share

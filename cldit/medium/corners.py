@@ -18,12 +18,12 @@ from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.gpu.buffers import Numbers, upload
 from cldit.gpu.device import Device
-from cldit.medium.frame import AT_ONCE, TOLERANCE, Frame
+from cldit.medium.frame import AT_ONCE, TOLERANCE, Cube
 
 BITS = 31  # of the cube's edge
 
 
-def refuse(frame: Frame, content: str, share: float, place_m: Floats) -> NoReturn:
+def refuse(frame: Cube, content: str, share: float, place_m: Floats) -> NoReturn:
     """Raises MediumError: a share of the content, in places (N, 3), is outside a cube."""
     corner, low, high = np.asarray(frame.lower_m), place_m.min(axis=0), place_m.max(axis=0)
     raise MediumError(
@@ -45,7 +45,7 @@ class Corners:
     )
 
     @classmethod
-    def of(cls, cube: Frame, lower_m: Floats, upper_m: Floats, content: str) -> Corners:
+    def of(cls, cube: Cube, lower_m: Floats, upper_m: Floats, content: str) -> Corners:
         """Boxes (N, 3); raises MediumError, which names `content`, if one reaches out of a cube."""
         corners = np.empty((2, 3, len(lower_m)))
         for corner, place_m in zip(corners, (lower_m, upper_m), strict=True):

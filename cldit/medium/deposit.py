@@ -11,7 +11,7 @@ from cldit.arrays import Floats, Ints, Mask, kept
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.corners import BITS, Corners, refuse
-from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Cube
 from cldit.medium.rasterise import (
     FACE,
     BoxRasteriser,
@@ -34,7 +34,7 @@ def _address(directory: Directory, cell: NDArray[np.signedinteger]) -> Ints:
     return np.asarray(slot * CELLS_PER_BRICK + local)
 
 
-def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, content: str) -> Ints:
+def cells_of_points(frame: Cube, position_m: Floats, amount: Floats, *, content: str) -> Ints:
     """Finest cell (N, 3) of every point (N, 3).
 
     Raises MediumError, which names `content`, if part of `amount` (N,) is outside the cube.
@@ -133,7 +133,7 @@ Placed = PlacedPoints | PlacedBoxes | Rasteriser
 
 
 def place_boxes(
-    frame: Frame, lower_m: Floats, upper_m: Floats, *, content: str, device: Device | None = None
+    frame: Cube, lower_m: Floats, upper_m: Floats, *, content: str, device: Device | None = None
 ) -> Placed:
     """Boxes (N, 3) in the cube, or points if each box is within one cell.
 
@@ -145,7 +145,7 @@ def place_boxes(
     return _placed(frame, kept((lower_m, upper_m), cube, make), None, device)
 
 
-def _placed(frame: Frame, corners: Corners, shared: Ints | None, device: Device | None) -> Placed:
+def _placed(frame: Cube, corners: Corners, shared: Ints | None, device: Device | None) -> Placed:
     cells = corners.cells(frame.depth)
     if cells is not None:
         return PlacedPoints(cells, shared)
@@ -155,7 +155,7 @@ def _placed(frame: Frame, corners: Corners, shared: Ints | None, device: Device 
     return BoxRasteriser(device, deposit_program(device), frame.cells, corners, shared)
 
 
-def _boxes_of_parcels(cube: Frame, position_m: Floats, edge_m: Floats) -> tuple[Corners, Ints]:
+def _boxes_of_parcels(cube: Cube, position_m: Floats, edge_m: Floats) -> tuple[Corners, Ints]:
     """Distinct boxes of parcels (N, 3), and the first parcel of each: size classes that share a box
     are consecutive."""
     differs = np.zeros(max(len(position_m) - 1, 0), bool)
@@ -168,7 +168,7 @@ def _boxes_of_parcels(cube: Frame, position_m: Floats, edge_m: Floats) -> tuple[
 
 
 def place_droplets(
-    frame: Frame,
+    frame: Cube,
     position_m: Floats,
     extent: Extent | None,
     amount: Floats,
@@ -192,7 +192,7 @@ def place_droplets(
     return CloudRasteriser.of(device, place, covariance, frame.cells)
 
 
-def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Directory:
+def touched_bricks(frame: Cube, placed: Sequence[Placed], *, limit: int) -> Directory:
     """Slots of the bricks that contain anything; raises MediumError if they have more cells than
     `limit`."""
     mark = np.zeros((frame.bricks,) * 3, bool)

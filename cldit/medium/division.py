@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Mask
 from cldit.medium.deposit import Directory
-from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Cube
 
 
 def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
@@ -31,7 +31,7 @@ class Division:
     mask).
     """
 
-    frame: Frame
+    frame: Cube
     touched: Directory
     directory: NDArray[np.int32]
     keep: NDArray[np.int32]
@@ -44,7 +44,7 @@ class Division:
 
     @classmethod
     def of(
-        cls, frame: Frame, touched: Directory, fields: list[dict[str, Floats]], bound: float
+        cls, frame: Cube, touched: Directory, fields: list[dict[str, Floats]], bound: float
     ) -> "Division":
         """Top-down division of the cube, the same for all wavelengths.
 
@@ -119,14 +119,14 @@ class Division:
         return values
 
 
-def _inside(frame: Frame) -> tuple[slice, slice, slice, slice]:
+def _inside(frame: Cube) -> tuple[slice, slice, slice, slice]:
     """Used part of (S, 8, 8, 8): a cube of fewer than eight cells is one partly used brick."""
     used = slice(0, min(BRICK, frame.cells))
     return slice(None), used, used, used
 
 
 def _coarse_levels(
-    frame: Frame,
+    frame: Cube,
     vapour: Floats,
     droplets: Mask,
     bound: float,
@@ -166,7 +166,7 @@ def _coarse_levels(
 
 
 def _merge_in_bricks(
-    frame: Frame,
+    frame: Cube,
     vapour: Floats,
     droplets: Mask,
     keep: NDArray[np.int32],

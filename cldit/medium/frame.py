@@ -13,7 +13,7 @@ TOLERANCE = 1e-5  # in cells: largest distance of a box from its place on a latt
 
 
 @dataclass(frozen=True)
-class Frame:
+class Cube:
     """Cube of `cells`**3 finest cells.
 
     lower_m: lower corner of the cube; depth: number of halvings; cells = 2**depth.
@@ -26,7 +26,7 @@ class Frame:
     @classmethod
     def around(
         cls, *, centre_m: tuple[float, float, float], edge_m: float, leaf_edge_m: float
-    ) -> "Frame":
+    ) -> "Cube":
         """Cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing")."""
         x, y, z = (middle - edge_m / 2 for middle in centre_m)
         frame = cls(lower_m=(x, y, z), edge_m=edge_m, depth=0)
@@ -34,7 +34,7 @@ class Frame:
             frame = frame.at(frame.depth + 1)
         return frame
 
-    def at(self, depth: int) -> "Frame":
+    def at(self, depth: int) -> "Cube":
         """Same cube, halved `depth` times."""
         return replace(self, depth=depth)
 

@@ -17,7 +17,7 @@ from cldit.arrays import Floats, Mask
 from cldit.gpu.device import Device
 from cldit.medium.deposit import Directory, Placed, place_boxes, place_droplets, touched_bricks
 from cldit.medium.division import Division
-from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Cube
 from cldit.spray.extent import Extent
 
 _TOGETHER = 4  # trees that are filled at a time, one per thread
@@ -95,7 +95,7 @@ class Octree:
         in the scattering of all droplets, in 255ths; None: one class.
     """
 
-    frame: Frame
+    frame: Cube
     directory: NDArray[np.int32]
     slots: int
     coarse_level: NDArray[np.int32]
@@ -129,7 +129,7 @@ class Octree:
 
 
 def build_octree(
-    frame: Frame,
+    frame: Cube,
     points: PointSource | None,
     cells: list[CellSource],
     *,
@@ -153,7 +153,7 @@ def build_octree(
 
 
 def build_octrees(
-    frame: Frame,
+    frame: Cube,
     sources: Sequence[Sources],
     *,
     optical_depth_split: float,
@@ -180,7 +180,7 @@ def build_octrees(
 
 
 def placed_sources(
-    frame: Frame, sources: Sources, device: Device | None
+    frame: Cube, sources: Sources, device: Device | None
 ) -> tuple[list[Placed], list[Placed]]:
     """Geometry of droplets (one or none) and of each source of gas in the cube.
 
@@ -200,7 +200,7 @@ def placed_sources(
 
 
 def _deposit(
-    frame: Frame,
+    frame: Cube,
     touched: Directory,
     droplets: list[Placed],
     boxes: Sequence[Placed],

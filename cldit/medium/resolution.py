@@ -15,7 +15,7 @@ import numpy as np
 from cldit.arrays import Floats, Mask
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
-from cldit.medium.frame import BRICK, TOLERANCE, Frame
+from cldit.medium.frame import BRICK, TOLERANCE, Cube
 from cldit.medium.octree import Sources, placed_sources
 from cldit.medium.rasterise import REACH
 from cldit.spray.extent import Box, Cloud
@@ -39,7 +39,7 @@ class Candidate:
     swept: finest cells of the smallest box of bricks around them.
     """
 
-    frame: Frame
+    frame: Cube
     stored: int
     swept: int
 
@@ -50,7 +50,7 @@ class Candidate:
 
 
 def candidates(
-    cube: Frame, sources: Sources, device: Device | None, *, limit: int = MOST_CELLS
+    cube: Cube, sources: Sources, device: Device | None, *, limit: int = MOST_CELLS
 ) -> Iterator[Candidate]:
     """Yields cubes of the medium from one cell to the finest cells that fit, each twice as fine.
 
@@ -77,7 +77,7 @@ def candidates(
         yield candidate
 
 
-def refuse_outside(cube: Frame, sources: Sources) -> None:
+def refuse_outside(cube: Cube, sources: Sources) -> None:
     """Raises MediumError if a part of the medium is outside the cube."""
     points, cells = sources
     if points is not None and isinstance(points.extent, Cloud):
@@ -85,7 +85,7 @@ def refuse_outside(cube: Frame, sources: Sources) -> None:
     placed_sources(cube.at(0), (points, cells), None)
 
 
-def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> Frame | None:
+def on_grid(cube: Cube, sources: Sources, *, voxel_m: float | None = None) -> Cube | None:
     """Cube whose finest cells are the voxels of the grid of all boxes of a medium.
 
     Its lower corner is that of the boxes, so that bricks begin there too; points or clouds beyond
@@ -108,10 +108,10 @@ def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> F
     if depth > DEEPEST:
         return None
     x, y, z = (float(corner) for corner in origin + begin * edge)
-    return Frame(lower_m=(x, y, z), edge_m=edge * 2**depth, depth=depth)
+    return Cube(lower_m=(x, y, z), edge_m=edge * 2**depth, depth=depth)
 
 
-def in_whole_cells(frame: Frame, sources: Sources) -> bool:
+def in_whole_cells(frame: Cube, sources: Sources) -> bool:
     """True if a medium of boxes is exact in the cells of a cube: none contains a part of a box."""
     if not known_in_boxes(sources):
         return False
@@ -134,7 +134,7 @@ def _common_edge(lower: Floats, upper: Floats) -> float | None:
     return None
 
 
-def _scattered_about(cube: Frame, sources: Sources) -> tuple[Floats, Floats]:
+def _scattered_about(cube: Cube, sources: Sources) -> tuple[Floats, Floats]:
     """Corners of the box around points or clouds, clipped to the cube; +-inf if there are none."""
     points, _ = sources
     if points is None or len(points.position_m) == 0 or isinstance(points.extent, Box):
@@ -149,7 +149,7 @@ def _scattered_about(cube: Frame, sources: Sources) -> tuple[Floats, Floats]:
     return np.maximum(low, corner), np.minimum(high, corner + cube.edge_m)
 
 
-def needed_edge_m(cube: Frame, sources: Sources) -> float:
+def needed_edge_m(cube: Cube, sources: Sources) -> float:
     """Edge of the coarsest cells that hold a medium of boxes.
 
     Cells are at most the voxels of its grid, or half of the edge of boxes without a grid. In a
@@ -178,7 +178,7 @@ def needed_edge_m(cube: Frame, sources: Sources) -> float:
     return float(edge)
 
 
-def divided_voxels(cube: Frame, sources: Sources, *, leaf_m: float) -> Frame | None:
+def divided_voxels(cube: Cube, sources: Sources, *, leaf_m: float) -> Cube | None:
     """Cube whose cells are the voxels of a medium, halved or doubled to at most `leaf_m`.
 
     None if its boxes are on no common grid. Raises MediumError if it is outside `cube`.
@@ -254,7 +254,7 @@ def _coefficients(sources: Sources) -> tuple[Floats, Floats]:
     return np.concatenate(extinction), np.concatenate(scattering)
 
 
-def counted(frame: Frame, sources: Sources, device: Device | None) -> Candidate:
+def counted(frame: Cube, sources: Sources, device: Device | None) -> Candidate:
     """The cube with the cells that a medium fills in it."""
     mark = np.zeros((frame.bricks,) * 3, bool)
     for placed in chain(*placed_sources(frame, sources, device)):
@@ -267,7 +267,7 @@ def counted(frame: Frame, sources: Sources, device: Device | None) -> Candidate:
     return Candidate(frame, int(mark.sum()) * BRICK**3, swept)
 
 
-def within(cube: Frame, sources: Sources) -> tuple[Sources, float]:
+def within(cube: Cube, sources: Sources) -> tuple[Sources, float]:
     """The part of a medium inside a cube, and the share that lies outside.
 
     The share is that of the gas's absorption over its volume, or of the droplets' cross sections,

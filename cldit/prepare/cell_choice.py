@@ -2,7 +2,7 @@
 
 from cldit.gpu.device import Device
 from cldit.io.free_memory import free_bytes
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import Sources
 from cldit.medium.resolution import (
     MOST_CELLS,
@@ -65,7 +65,7 @@ def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> f
 
 def chosen_frame(
     domain: Domain, sources: Sources, device: Device | None, *, limit: int, voxels: bool = False
-) -> tuple[Frame, tuple[str, ...]]:
+) -> tuple[Cube, tuple[str, ...]]:
     """The cube with its finest cells, and remarks.
 
     Cells that the scene fixes stay; where the medium is a user's `voxels`, these are halved or
@@ -75,11 +75,11 @@ def chosen_frame(
     """
     centre_m, edge_m = domain.centre_m, domain.edge_m
     if domain.leaf_edge_m is not None or domain.rule == "paper":
-        cube = Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=domain.leaf_m)
+        cube = Cube.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=domain.leaf_m)
         if voxels and domain.leaf_edge_m is not None and not in_whole_cells(cube, sources):
             cube = divided_voxels(cube, sources, leaf_m=domain.leaf_m) or cube
         return cube, ()
-    cube = Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=2 * edge_m)
+    cube = Cube.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=2 * edge_m)
     wanted_m = domain.leaf_m
     if known_in_boxes(sources):
         wanted_m = needed_edge_m(cube, sources)
@@ -97,14 +97,14 @@ def chosen_frame(
 
 def lattice_frames(
     domain: Domain, sources: Sources, *, edge_m: float, spacing_m: float
-) -> tuple[Frame, Frame]:
+) -> tuple[Cube, Cube]:
     """The domain's cube in cells of a lattice, and the cube that is aligned with the boxes on it.
 
     `edge_m` of the first is at least that of the domain, and `spacing_m` times a power of 2.
     """
-    undivided = Frame.around(
+    undivided = Cube.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=2 * domain.edge_m
     )
     refuse_outside(undivided, sources)
-    cube = Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=spacing_m * (1 + 1e-9))
+    cube = Cube.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=spacing_m * (1 + 1e-9))
     return cube, on_grid(cube, sources, voxel_m=spacing_m) or cube

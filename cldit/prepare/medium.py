@@ -10,7 +10,7 @@ import numpy as np
 from cldit.gpu.device import Device
 from cldit.io.origin import FileRead
 from cldit.medium.cloud import Kernel, smeared
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.gas_reconstruction import reconstructed
 from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import emitters
@@ -145,8 +145,8 @@ class Prepared:
     made: Spray
     spray: Spray
     properties: Properties
-    frame: Frame
-    cube: Frame
+    frame: Cube
+    cube: Cube
     on_lattice: bool
     spec: AnySpray
     number: int
@@ -229,7 +229,7 @@ class Prepared:
         return self.kept[name]
 
     def octrees(
-        self, frame: Frame, sources: Sequence[Sources], split: float | None = None
+        self, frame: Cube, sources: Sequence[Sources], split: float | None = None
     ) -> list[Octree]:
         """Trees of `sources` in a cube; `split` takes the place of `domain.optical_depth_split`."""
         if split is None:

@@ -50,7 +50,7 @@ def check_temperature(kind: str, query: str, temperature_K: float) -> float:
             f"{kind}: answered {temperature_K:g} K to {query}, expected 0 to {_HOTTEST_K:g} K; is "
             "another program using it?"
         )
-    return temperature_K
+    return float(temperature_K)  # a driver may give a number of numpy, which JSON does not take
 
 
 def read_temperature(background: Thermometer) -> float:

@@ -4,50 +4,26 @@ import math
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import Protocol
 
 StopCheck = Callable[[], bool]
 
 _SLICE_S = 0.05  # longest time for which a sleep ignores a stop
 
 
-class Clock(Protocol):
-    """Source of time for a rig."""
+class Clock:
+    """Source of time for a rig: the computer's clock."""
 
     def now_s(self) -> float:
         """Monotonic time, seconds from an arbitrary start."""
-
-    def epoch_s(self) -> float:
-        """Wall time, seconds since 1970-01-01T00:00Z."""
-
-    def wall_time(self) -> str:
-        """Wall time as ISO 8601 in UTC."""
-
-    def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
-        """Waits for `seconds`; returns False if `should_stop` ended the wait early."""
-
-    def catch_up(self, epoch_s: float) -> None:
-        """Called when a sequence resumes: later events are not before this wall time."""
-
-
-def _iso(epoch_s: float) -> str:
-    return datetime.fromtimestamp(epoch_s, UTC).isoformat(timespec="microseconds")
-
-
-class SystemClock:
-    """The computer's clock."""
-
-    def now_s(self) -> float:
-        """Seconds of a clock that never jumps."""
         return time.monotonic()
 
     def epoch_s(self) -> float:
-        """Seconds since 1970."""
+        """Wall time, seconds since 1970-01-01T00:00Z."""
         return time.time()
 
     def wall_time(self) -> str:
-        """The time of day, ISO 8601."""
-        return _iso(self.epoch_s())
+        """Wall time as ISO 8601 in UTC."""
+        return datetime.fromtimestamp(self.epoch_s(), UTC).isoformat(timespec="microseconds")
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
         """Waits for `seconds`; returns False if `should_stop` ended the wait early."""
@@ -60,13 +36,14 @@ class SystemClock:
         return False
 
     def catch_up(self, epoch_s: float) -> None:
-        """Does nothing, because real time has passed meanwhile."""
+        """Called when a sequence resumes: later events are not before this wall time. Real time
+        has passed meanwhile."""
 
 
 _START_EPOCH_S = datetime(2000, 1, 1, tzinfo=UTC).timestamp()  # the same in every run
 
 
-class SimulatedClock:
+class SimulatedClock(Clock):
     """A clock that advances only while somebody sleeps on it.
 
     Args:
@@ -86,7 +63,6 @@ class SimulatedClock:
         self._factor = real_time_factor
         self._jump_after_s = math.inf if jump_after_s is None else jump_after_s
         self._jump_s = jump_s
-        self._real = SystemClock()
 
     def now_s(self) -> float:
         """Simulated seconds since the start."""
@@ -97,10 +73,6 @@ class SimulatedClock:
         jump_s = self._jump_s if self._elapsed_s >= self._jump_after_s else 0.0
         return _START_EPOCH_S + self._elapsed_s + jump_s
 
-    def wall_time(self) -> str:
-        """The simulated time of day, ISO 8601."""
-        return _iso(self.epoch_s())
-
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
         """Lets `seconds` pass; returns False if `should_stop` ended the wait early."""
         if should_stop is not None and should_stop():
@@ -109,7 +81,7 @@ class SimulatedClock:
             self._elapsed_s += max(seconds, 0.0)
             return True
         start_s = time.monotonic()
-        completed = self._real.sleep(seconds / self._factor, should_stop)
+        completed = super().sleep(seconds / self._factor, should_stop)
         slept = seconds if completed else (time.monotonic() - start_s) * self._factor
         self._elapsed_s += min(max(slept, 0.0), max(seconds, 0.0))
         return completed

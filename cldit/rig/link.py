@@ -12,7 +12,8 @@
 `make_safe` of an instrument that is LOST or CLOSED opens the line again, with a few attempts in a
 limited time, and raises NotSafe if they fail. It does nothing in the state NEVER alone. An attempt
 first writes everything that makes the instrument harmless, and only then needs an answer: where the
-receiving direction alone is broken, a black body is cooled all the same.
+receiving direction alone is broken, a black body is cooled all the same. If the instrument rejects
+that, as a controller may in another unit, it is identified first, and everything is written again.
 """
 
 import time
@@ -272,9 +273,16 @@ class Linked(ABC):
         try:
             if not was_open:
                 self._open(timeout_s)
-            self._write_safe()
-            if not was_open:
+            try:
+                self._write_safe()
+            except ConfigRejected:  # an answer, to numbers in a unit that may not be known yet
+                if was_open:
+                    raise
                 self._identify()
+                self._write_safe()
+            else:
+                if not was_open:
+                    self._identify()
             did = self._check_safe()
         except BaseException as error:
             self._state = LinkState.OPEN

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError, model_validator
 from cldit.errors import ClditError, SceneError
 from cldit.io.plain_data import read_mapping
 from cldit.radiance.boundary import Surroundings, Uncertainty
-from cldit.rig.clock import Clock, SimulatedClock, SystemClock
+from cldit.rig.clock import Clock, SimulatedClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import InUse, NotConnected, RigError
 from cldit.rig.link import Linked
@@ -45,7 +45,7 @@ class ClockChoice(Section):
     def make(self) -> Clock:
         """Makes the chosen clock."""
         if self.model == "system":
-            return SystemClock()
+            return Clock()
         return SimulatedClock(
             real_time_factor=self.real_time_factor,
             jump_after_s=self.jump_after_s,

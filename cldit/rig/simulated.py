@@ -14,20 +14,18 @@ def simulated_rig_data(
     *,
     further_runs: Sequence[Path] = (),
     filters: Mapping[str, Sequence[Path]] | None = None,
-    real_time_factor: float | None = None,
 ) -> dict[str, Any]:
     """Content of the rig file for a traced run.
 
     The black body accepts all temperatures of the scene, even those that a real one does not.
     `run_folder` has scene.yaml, weights/ and weights_reference/; `further_runs` are of the same
-    scene at other times of the spray, `filters` those behind each filter of a wheel. Without
-    `real_time_factor` the sequence takes no time.
+    scene at other times, `filters` those behind each filter of a wheel. A sequence takes no time.
     """
     temperatures_K = scene.background.temperatures_K
     behind = {name: [str(run.resolve()) for run in runs] for name, runs in (filters or {}).items()}
     return {
         "name": f"simulated rig before {scene.name}",
-        "clock": {"model": "simulated", "real_time_factor": real_time_factor},
+        "clock": {"model": "simulated"},
         "seed": scene.rig.seed,
         "setup": {
             "background_emissivity": scene.background.emissivity,

@@ -40,7 +40,7 @@ from cldit.gpu.program import Program
 from cldit.io.caches import default_cache
 from cldit.io.plain_data import read_json
 from cldit.medium.corners import Corners
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Octree, PointSource, build_octree
 from cldit.medium.rasterise import BoxRasteriser, CloudRasteriser, deposit_program
 from cldit.optics.scene_phase import henyey_greenstein
@@ -176,7 +176,7 @@ def _deposits(device: Device) -> None:
     inside = (_CELLS / 2) * (1 + 0.8 * _wave(90, 1.9).reshape(30, 3))
     line = np.stack([(np.arange(_LONG) * 0.618034) % _CELLS] * 2 + [np.full(_LONG, 5.5)], axis=1)
     covariances = sides @ sides.transpose(0, 2, 1), np.zeros((_LONG, 3, 3))
-    cube = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=_CELLS, depth=0)
+    cube = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=_CELLS, depth=0)
     boxes = Corners.of(cube, inside - 0.7, inside + np.array([0.2, 0.7, 1.6]), "boxes")
     for count, rasteriser in (
         (30, CloudRasteriser.of(device, inside, covariances[0], _CELLS)),
@@ -193,7 +193,7 @@ def _deposits(device: Device) -> None:
 
 def _medium() -> Octree:
     """Vapour and droplets of two size classes, of optical depths up to 2 a cell."""
-    frame = Frame(lower_m=(-_EDGE_M / 2,) * 3, edge_m=_EDGE_M, depth=4)
+    frame = Cube(lower_m=(-_EDGE_M / 2,) * 3, edge_m=_EDGE_M, depth=4)
     low, high = np.array([3, 2, 5]), np.array([11, 12, 13])
     cell = np.stack(np.meshgrid(*map(np.arange, low, high), indexing="ij"), axis=-1).reshape(-1, 3)
     x, y, z = (cell + 0.5 - (low + high) / 2).T

@@ -120,10 +120,6 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
         place /= delay_folder(time_s)
     if not place.is_dir():
         return None
-    from cldit.dit.recorded import EVALUATION  # loads all of the evaluation
-
-    if (place / EVALUATION).is_file():
-        read_sealed(place / EVALUATION)
     maps = Maps.load(place)
     _check_shapes(place, vars(maps), maps.reason.shape)
     return maps

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
+from cldit.dit.evaluate import evaluated, sensor_of
 from cldit.dit.maps import Maps
-from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights, mean
 from cldit.run.result import Run

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.arrays import Floats
-from cldit.cfd.orientation import Frame
+from cldit.cfd.orientation import InjectorFrame
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.files import make_folder
@@ -136,16 +136,18 @@ def export_octree(
     return written
 
 
-def case_frame(notes: dict[str, float]) -> Frame | None:
+def case_frame(notes: dict[str, float]) -> InjectorFrame | None:
     """Frame of a CFD case's nozzle and axis, from notes of its spray; None: cldit's own spray."""
     if not all(f"{name}_m" in notes or name in notes for name in _FRAME):
         return None
     nozzle = [notes[f"nozzle_{letter}_m"] for letter in "xyz"]
     axis = np.array([notes[f"axis_{letter}"] for letter in "xyz"])
-    return Frame(np.array(nozzle), axis / np.linalg.norm(axis), ())
+    return InjectorFrame(np.array(nozzle), axis / np.linalg.norm(axis), ())
 
 
-def _blocks(medium: Rebuilt, fields: CellFields, frame: Frame | None) -> dict[str, Grid | Points]:
+def _blocks(
+    medium: Rebuilt, fields: CellFields, frame: InjectorFrame | None
+) -> dict[str, Grid | Points]:
     def placed(points_m: Floats) -> Floats:
         return points_m if frame is None else points_m @ frame.rotation + frame.nozzle_m
 

@@ -15,7 +15,7 @@ from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.converge import Result, converge, solve
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
-from cldit.dit.traced_maps import evaluated, sensor_of
+from cldit.dit.evaluate import evaluated, sensor_of
 from cldit.errors import EvaluationError, SprayError
 from cldit.gpu.device import Device
 from cldit.io.caches import default_cache

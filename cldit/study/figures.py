@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cldit.run import Run
 from cldit.show.figures.colours import CHANGE, Scale
 from cldit.show.figures.maps import frame_of, map_legend, map_panel, reasons_in, spray_window
-from cldit.show.figures.panels import GREY, Frame, Panel, joined, panels_figure, window_around
+from cldit.show.figures.panels import GREY, ImageFrame, Panel, joined, panels_figure, window_around
 
 _COLUMNS = 3
 
@@ -34,7 +34,7 @@ def maps_sheet(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) 
 
 def changes_sheet(
     changes: Mapping[str, NDArray[np.floating]],
-    frame: Frame,
+    frame: ImageFrame,
     *,
     title: str,
     limit_K: float,

@@ -14,14 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.scene.vessel import Patch
 
 NONE: Floats = np.zeros((0, 4, 4))
 _UPRIGHT = 0.999  # cosine to the z axis above which a patch faces up or down
 
 
-def patch_rows(patches: Sequence[Patch], frame: Frame) -> Floats:
+def patch_rows(patches: Sequence[Patch], frame: Cube) -> Floats:
     """Rows (P, 4, 4) of `patches`, see above, in cells from the lower corner of `frame`.
 
     The height of a rectangle runs along z, or along y where it faces up or down.

@@ -6,15 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import EIGHT_PLUMES, FlowBox
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from tests.bench.spray_history import Bench, table
 from tests.unit.spray.flow.references import SPRAY_G, Found, saturation
-
-Floats = NDArray[np.float64]
 
 _TIMES = (0.2, 0.4, 0.6, 0.8)  # ms
 _AXIS_TIMES = (0.6, 0.8, 0.9, 1.0, 1.1)

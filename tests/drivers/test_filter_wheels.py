@@ -11,7 +11,7 @@ import pytest
 
 from cldit.errors import SceneError
 from cldit.rig import locks
-from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.clock import Clock, SimulatedClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected
 from cldit.rig.protocols import FilterWheel
@@ -27,7 +27,7 @@ else:
 @contextmanager
 def wheel(peer: FilterWheelPeer, clock: Any = None, **settings: Any) -> Iterator[Any]:
     """A driver, closed at the end."""
-    context = RigContext(clock or SystemClock(), None, Path(), 1)
+    context = RigContext(clock or Clock(), None, Path(), 1)
     usual = {"filters": FILTERS, "moving_s": 0.3, "answer_s": 0.1}
     made: FilterWheel = open_fw102c({**usual, **line_to(peer), **settings}, context)
     try:

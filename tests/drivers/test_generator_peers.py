@@ -14,7 +14,7 @@ from unittest.mock import MagicMock
 import pytest
 
 from cldit.errors import SceneError
-from cldit.rig.clock import SystemClock
+from cldit.rig.clock import Clock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected, RigError
 from cldit.rig.protocols import Burst
@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
 else:
     from cldit.drivers.dg645 import open_dg645
 
-CONTEXT = RigContext(SystemClock(), None, Path(), 1)
+CONTEXT = RigContext(Clock(), None, Path(), 1)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 
 from cldit.errors import SceneError
 from cldit.io.plain_data import parse_yaml
-from cldit.rig.clock import SystemClock
+from cldit.rig.clock import Clock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe
 from cldit.testing.bed import opened
@@ -32,7 +32,7 @@ else:
     from cldit.drivers.line_templates import pattern
     from cldit.drivers.modbus_registers import MAPS, Register, RegisterMap
 
-CONTEXT = RigContext(SystemClock(), None, Path(), 1)
+CONTEXT = RigContext(Clock(), None, Path(), 1)
 
 
 @pytest.mark.parametrize(
@@ -281,6 +281,20 @@ def test_the_unit_is_read_from_the_controller(unit: Unit) -> None:
             with pytest.raises(ConfigRejected, match=rf"unit is {unit} .*allowed: celsius"):
                 stated.connect()
             stated.close()
+        after_a_crash.close()
+
+
+def test_a_rejected_blind_set_point_does_not_leave_it_hot() -> None:
+    """In a controller in kelvin, 21.85 is below its lower limit: it rejects what another process,
+    after a crash, writes as degrees Celsius before it has read the unit."""
+    own = {name: getattr(MAPS["eurotherm-3200"], name) for name in ("temperature", "setpoint")}
+    known = RegisterMap(**own, unit_register=100)
+    with ModbusPeer(registers=known, start_K=440.0) as peer:
+        peer.temperature_unit, peer.least_K = "kelvin", 273.0
+        after_a_crash = eurotherm(peer, registers=known.model_dump())
+        after_a_crash.take_over()
+        assert after_a_crash.make_safe().connected
+        assert peer.setpoint_K == pytest.approx(295.0, abs=0.01)
         after_a_crash.close()
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from cldit.rig.clock import SystemClock
+from cldit.rig.clock import Clock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, MissingFrames, OutOfLimits
 from cldit.rig.protocols import Frame, Roi, TriggerInfo, TriggerMode
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.gige
 def driver(address: str, **settings: Any) -> GenicamCamera:
     made: GenicamCamera = load_driver("gige_camera")(
         {"address": address, "interface": "127.0.0.1", "calibration": CALIBRATION, **settings},
-        RigContext(SystemClock(), None, Path(), 1),
+        RigContext(Clock(), None, Path(), 1),
     )
     made.connect(5.0)
     return made

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.clock import Clock, SimulatedClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, NotConnected, OutOfLimits
 from cldit.rig.protocols import TriggerInfo, TriggerMode
@@ -37,7 +37,7 @@ else:
     from cldit.drivers.modbus_blackbody import open_modbus_blackbody
     from cldit.drivers.modbus_registers import RegisterMap
 
-CONTEXT = RigContext(SystemClock(), None, Path(), 1)
+CONTEXT = RigContext(Clock(), None, Path(), 1)
 
 
 # Black bodies

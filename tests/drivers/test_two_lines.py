@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cldit.rig.clock import SystemClock
+from cldit.rig.clock import Clock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import DeviceTimeout, NotConnected
 from cldit.testing.replies import Fault
@@ -28,7 +28,7 @@ def peers() -> Iterator[tuple[FlukePeer, Dg645Peer]]:
 @pytest.fixture
 def devices(peers: tuple[FlukePeer, Dg645Peer]) -> Iterator[tuple[Any, Any]]:
     """A black body and a generator, connected."""
-    context = RigContext(SystemClock(), None, Path(), 1)
+    context = RigContext(Clock(), None, Path(), 1)
     places: dict[str, Any] = dict(zip(("fluke418x", "dg645"), peers, strict=True))
     made = [
         load_driver(name)({"host": peer.host, "port": peer.port, "answer_s": 0.2}, context)

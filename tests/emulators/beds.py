@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cldit.rig.clock import SimulatedClock, SystemClock
+from cldit.rig.clock import Clock, SimulatedClock
 from cldit.rig.drivers import RigContext, check_settings, load_driver
 from cldit.testing.backgrounds import BackgroundSide, background_steps, hot_K
 from cldit.testing.bed import Bed, Make
@@ -40,7 +40,7 @@ _IDLE_s = 2.0  # longer than a camera's heartbeat here
 
 def make_device(
     driver: str,
-    clock: SimulatedClock | SystemClock,
+    clock: Clock,
     usual: Mapping[str, Any],
     settings: Mapping[str, Any],
     answer_s: float | None,
@@ -198,7 +198,7 @@ def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None
 
     def afresh() -> Any:
         line = {"host": peer.host, "port": peer.port}
-        return make_device("dg645", SystemClock(), {}, settings, answer_s, line)
+        return make_device("dg645", Clock(), {}, settings, answer_s, line)
 
     device = afresh()
     camera, injector = settings.get("camera", "AB"), settings.get("injector", "CD")
@@ -256,7 +256,7 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
 
         def afresh() -> Any:
             line = line_to(peer)
-            return make_device("pulse_generator", SystemClock(), {}, asked, answer_s, line)
+            return make_device("pulse_generator", Clock(), {}, asked, answer_s, line)
 
         device = afresh()
         camera, injector = settings.get("camera", "A"), settings.get("injector", "B")
@@ -299,7 +299,7 @@ def _gige(legacy: bool) -> Make:
         line = {"address": peer.host, "interface": "127.0.0.1", "heartbeat_s": 1.5}
 
         def afresh() -> Any:
-            return make_device("gige_camera", SystemClock(), usual, settings, None, line)
+            return make_device("gige_camera", Clock(), usual, settings, None, line)
 
         device = afresh()
         told = (f"camera at {peer.host}", "armed for 2 frames", "trigger cable")

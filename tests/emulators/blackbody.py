@@ -11,12 +11,14 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cldit.rig.clock import Clock, SystemClock
+from cldit.rig.clock import Clock
 from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Fault, Replies
 from tests.emulators.lines import AtOneLine, Terminals
 from tests.patience import HANG_s
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from pymodbus.constants import ExcCodes
+
     from drivers.controller import UNITS, Unit, from_kelvin, to_kelvin
     from drivers.heater import Heater
     from drivers.modbus_registers import MAPS, RegisterMap
@@ -51,7 +53,7 @@ class Peer:
         serial: bool = False,
         port: int = 0,
     ) -> None:
-        self.heater = Heater(clock or SystemClock(), start_K, time_constant_s)
+        self.heater = Heater(clock or Clock(), start_K, time_constant_s)
         self.host, self.port = "127.0.0.1", port
         self.serial: str | None = None
         self.replies = Replies()
@@ -95,6 +97,7 @@ class ModbusPeer(Peer):
         self._terminals = Terminals()
         self._master = -1
         self.noise: Callable[[bytes], bytes] = lambda answer: b""  # ahead of it, on a serial line
+        self.least_K = 0.0  # set points below it are rejected
         self.request = b""
 
     def __enter__(self) -> ModbusPeer:
@@ -190,17 +193,23 @@ class ModbusPeer(Peer):
         count: int,
         current: list[int],
         values: list[int] | list[bool] | None,
-    ) -> None:
+    ) -> ExcCodes | None:
         """Called before pymodbus stores `values`, or answers `current`, which begins at `start`."""
         setpoint = self._map.setpoint
         if values is not None and address == setpoint.address and len(values) == setpoint.words:
             self.writes += 1
             number = setpoint.decode([int(word) for word in values])
-            self.heater.aim(to_kelvin(number, self.temperature_unit))
+            wanted_K = to_kelvin(number, self.temperature_unit)
+            if wanted_K < self.least_K:
+                from pymodbus.constants import ExcCodes
+
+                return ExcCodes.ILLEGAL_VALUE
+            self.heater.aim(wanted_K)
         for register, words in self._words().items():
             at = register - start
             if 0 <= at <= len(current) - len(words):
                 current[at : at + len(words)] = words
+        return None
 
     def _words(self) -> dict[int, tuple[int, ...]]:
         """Present content of the registers, by address."""

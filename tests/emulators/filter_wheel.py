@@ -7,7 +7,7 @@ moves in finite time, sticks, and is turned by hand.
 
 from __future__ import annotations
 
-from cldit.rig.clock import Clock, SystemClock
+from cldit.rig.clock import Clock
 from cldit.testing.replies import Replies
 from tests.emulators.lines import AtOneLine
 
@@ -40,7 +40,7 @@ class FilterWheelPeer(AtOneLine):
         self.replies = Replies()
         self.stuck = False
         self.commands: list[str] = []
-        self.clock: Clock = clock or SystemClock()
+        self.clock: Clock = clock or Clock()
         self._size, self._takes_s, self._identity, self._echo = size, takes_s, identity, echo
         self._position, self._before, self._there_s = 1, 1, 0.0
         self._values = {"speed": 0, "sensors": 0, "trig": 0, "baud": 1}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
@@ -30,7 +30,7 @@ def random_tree(
     hollow: bricks from 8 to 16 along x are empty, and therefore coarse leaves, between others.
     """
     rng = np.random.default_rng(seed)
-    frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
+    frame = Cube(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
     filled = rng.random((cells // 2, cells - 3, cells // 2)) < 0.7
     if hollow:
         filled[5:13] = False

@@ -9,13 +9,11 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.transport.boundary import NONE, boundary_seen
 from cldit.transport.cells import mean_transmission
 from cldit.transport.discrete_ordinates.segments import visible_gradient
-
-Floats = NDArray[np.float64]
 
 # Gauss-Legendre nodes from 0 to 1 and their weights: for smooth functions exact to rounding.
 _GAUSS = tuple(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import build_octree
 from cldit.scene import parse_scene
 from cldit.transport.boundary import boundary_seen
@@ -39,7 +39,7 @@ def test_shares_are_those_of_the_twin(
             "patches": PATCHES,
         }
     )
-    frame = Frame((-0.032, -0.032, -0.032), 0.064, 6)
+    frame = Cube((-0.032, -0.032, -0.032), 0.064, 6)
     cells = OpticalCells.of(build_octree(frame, None, [], optical_depth_split=1.0),
                             patches=("window", "nozzle"))  # fmt: skip
     view = View.of(scene, cells, device)

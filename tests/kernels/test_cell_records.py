@@ -10,7 +10,7 @@ import pytest
 from cldit.gpu.buffers import download, upload
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.transport.cell_records import CellRecords, Sources
 from cldit.transport.cells import OpticalCells
@@ -49,7 +49,7 @@ def test_records_of_filled_cells() -> None:
 
 
 CELLS = 64
-FRAME = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
+FRAME = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
 
 
 def tree_of(*, scattering: float = 1.0, vapour: float = 1.0) -> Octree:

@@ -11,14 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit import arrays
+from cldit.arrays import Floats
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.medium import corners, rasterise
 from cldit.medium.deposit import Directory, PlacedBoxes, place_boxes, touched_bricks
-from cldit.medium.frame import BRICK, Frame
+from cldit.medium.frame import BRICK, Cube
 from cldit.medium.rasterise import REACH, BoxRasteriser, CloudRasteriser
 
-Floats = NDArray[np.float64]
 CELLS = 24  # three bricks
 LEAST = 1e-8  # variance of a point, in cells squared
 
@@ -164,7 +164,7 @@ def test_boxes_are_those_of_the_twin(
     if parts:
         monkeypatch.setattr(corners, "AT_ONCE", 50)
         monkeypatch.setattr(rasterise, "_LANES", 150)
-    frame = Frame((-1.0, 2.0, 0.5), 3.2, 5)
+    frame = Cube((-1.0, 2.0, 0.5), 3.2, 5)
     rng = np.random.default_rng(5)
     lower = rng.uniform(0.0, frame.cells - 1.0, (400, 3))
     lower[:100] = np.floor(lower[:100])
@@ -197,7 +197,7 @@ def test_boxes_stay_on_the_device(device: Device, monkeypatch: pytest.MonkeyPatc
         return upload(device, label, array)
 
     monkeypatch.setattr(corners, "upload", counted)
-    frame = Frame((0.0, 0.0, 0.0), 1.0, 0)
+    frame = Cube((0.0, 0.0, 0.0), 1.0, 0)
     lower_m = np.random.default_rng(2).uniform(0.0, 0.9, (30, 3))
     upper_m = lower_m + 0.1
     before = len(arrays._KEPT)

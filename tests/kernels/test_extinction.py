@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats
+
 COUNT = 4000
 LINEAR = "#define LINEAR_COEFFICIENTS 1\n#define EMITTERS 1"
 # A line p + t d from t = a on, through the leaf of 1 or 8 cells that has cell (3, 4, 5) in it.

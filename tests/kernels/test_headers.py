@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.scene.vessel import Patch
 from cldit.transport.boundary import boundary_seen, patch_rows, sees_disc
 from cldit.transport.cells import mean_transmission
@@ -101,7 +101,7 @@ def test_sees_background(apply: Any, seed: int) -> None:
 
 def test_boundary_seen(apply: Any) -> None:
     """Disc, two patches in its plane and one before it, and walls: the nearest is seen."""
-    frame = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=64.0, depth=6)
+    frame = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=64.0, depth=6)
     patches = patch_rows(
         (
             # The first lies in the disc's plane, over part of it and beside it: the disc is seen.

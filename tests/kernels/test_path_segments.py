@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.compilation import compiled
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
 from cldit.transport.angular_moments import MOMENTS
-
-Floats = NDArray[np.float64]
 
 COMPONENTS, EMITTERS = 3, 1  # background, walls, droplets
 SHAPE = (4, 3, 5)  # of the region, x y z

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import parse_scene
 from cldit.transport.cells import OpticalCells
@@ -26,7 +26,7 @@ DEPTH = 0.1  # of a cell
 def block(shape: tuple[int, int, int] = (8, 8, 8), times: float = 1.0) -> Octree:
     """So many cells, from the fifth of 16 on along each axis, that scatter and absorb alike; along
     x each is so many times as deep as the one before."""
-    frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
+    frame = Cube(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
     place = np.argwhere(np.ones(shape, bool)) + 4
     lower: NDArray[np.float64] = np.asarray(-EDGE_M / 2 + place * frame.cell_m, np.float64)
     even = np.asarray(DEPTH / 2 / frame.cell_m * times ** (place[:, 0] - 4.0), np.float64)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.constants import AVOGADRO_PER_MOL
 from cldit.gpu.device import Device
 from cldit.scene.spray import EIGHT_PLUMES, FlowBox, LagrangianSpray, Plume
@@ -18,7 +18,6 @@ from cldit.spray.flow.rays import RayGrid
 from cldit.spray.flow.sampled import Lattice, filled, lattices_of, sampled
 from cldit.spray.result import Vapour
 
-Floats = NDArray[np.float64]
 KINDS = {
     "round": (Plume(inclination_deg=33.0, azimuth_deg=20.0),),
     "equal": EIGHT_PLUMES,

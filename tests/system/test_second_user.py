@@ -34,10 +34,10 @@ HOLDS = """
 import sys
 from pathlib import Path
 from cldit.io.plain_data import parse_yaml
-from cldit.rig.clock import SystemClock
+from cldit.rig.clock import Clock
 from cldit.rig.drivers import RigContext, load_driver
 driver, settings = sys.argv[1], parse_yaml(sys.argv[2], source="settings")
-device = load_driver(driver)(settings, RigContext(SystemClock(), None, Path(), 1))
+device = load_driver(driver)(settings, RigContext(Clock(), None, Path(), 1))
 device.connect()
 print("has it", flush=True)
 sys.stdin.read()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import ClditError
 from cldit.run import Run
 from cldit.show.page import Table
@@ -22,8 +23,6 @@ from cldit.spray.result import Parcels, Spray
 from tests.verify.blocks import Blocks
 from tests.verify.cavity import EDGE_M
 from tests.verify.stated import Stated, apparent_K
-
-Floats = NDArray[np.float64]
 
 _PIXELS = 15
 _RAYS = 3  # along an edge of a pixel, of the truth

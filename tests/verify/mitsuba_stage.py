@@ -14,13 +14,11 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.bench.case import BenchError
 from cldit.transport.cells import OpticalCells
 from tests.bench.case import Case, Lattice
-
-Floats = NDArray[np.float64]
 
 
 def mitsuba(variant: str) -> Any:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights, compose
 from cldit.run import Run
 from cldit.scene import Scene
-
-Floats = NDArray[np.float64]
 
 _LEAST = 0.5  # of the true error, which is to be stated
 _ROUNDING_K = 1e-4  # 400 K in float32, and weights that are sums of many

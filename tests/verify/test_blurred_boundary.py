@@ -13,12 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.run import Run
 from cldit.transport.trace import Trace, trace
-
-Floats = NDArray[np.float64]
 
 EDGE, SIZE, FIELD, BEHIND = 0.2, 0.05, 0.024, 0.08
 G, ALBEDO, DEPTH = 0.85, 0.74, 0.3

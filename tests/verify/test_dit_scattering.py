@@ -151,7 +151,7 @@ def test_two_walls_need_no_model() -> None:
     light = [_light(kelvin) for kelvin in (450.0, 400.0)]
     share = medium_of_enclosures(maps, light, CURVE).share
     spray, bare, _, _ = _spray()
-    np.testing.assert_allclose(share, scattered_by(spray, bare, light[0]).share, atol=2e-4)
+    np.testing.assert_allclose(share, scattered_by(spray, bare, light[0])[0], atol=2e-4)
     _same(medium_of_enclosures(maps, light, CURVE))
     with pytest.raises(EvaluationError, match="do not differ"):
         medium_of_enclosures(maps, [light[0]] * 2, CURVE)

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
@@ -21,7 +21,6 @@ from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene, parse_scene
 from tests.verify.blocks import grid_scene
 
-Floats = NDArray[np.float64]
 VOXELS, PIXELS, FIELD_m, EDGE_m = 96, 24, 0.1, 0.096
 ACROSS = 96  # lines of sight across a pixel, 24 across a voxel: an edge is known to a 48th of one
 

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.recorded import evaluate_shots
 from cldit.radiance.boundary import Surroundings
 from tests.verify.evaluation_bias import Recorded, Shot
 
-Floats = NDArray[np.float64]
 PLANCK_Js, LIGHT_m_s, BOLTZMANN_J_K = 6.62607015e-34, 299792458.0, 1.380649e-23
 FILTER_um = (3.3, 3.5)
 EMISSIVITY_OF_BLACK_BODY, AROUND_K, WALL_K = 0.95, 310.0, 415.0

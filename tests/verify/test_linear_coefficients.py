@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from cldit.arrays import Floats
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
@@ -21,7 +22,6 @@ from cldit.transport.trace import TraceSettings, trace
 from tests.kernels.cell_twin import linear_of
 from tests.phase_tables import henyey_greenstein
 
-Floats = NDArray[np.float64]
 EDGE_M, SIGMA_M, PIXELS = 0.16, 0.012, 37
 CENTRE_M = np.array([0.0013, -0.0021, 0.0017])  # nowhere a centre of cells
 HOT_M = np.array([0.006, 0.0, -0.004])  # centre of what emits, with the same width
@@ -47,7 +47,7 @@ def gaussian(cells: int, centre_m: Floats) -> Floats:
 
 def medium(cells: int, *, albedo: float = 0.0, gas: float = 0.0) -> Octree:
     """Droplets of Gaussian extinction, and gas of `gas` times that around another middle."""
-    frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
+    frame = Cube(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=cells.bit_length() - 1)
     droplets, other = DEPTH * gaussian(cells, CENTRE_M), gaussian(cells, HOT_M)
     place = np.argwhere((droplets + other) * frame.cell_m > 1e-8)
     at = tuple(place.T)
@@ -180,7 +180,7 @@ def test_path_and_source_see_one_medium(
 def test_cavity_is_flat(device: Device, method: Method, phase: ScatteringTable | None) -> None:
     """Weights lie in 0 to 1 and those of an isothermal cavity sum to 1, whatever the gradients."""
     rng = np.random.default_rng(4)
-    frame = Frame(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
+    frame = Cube(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
     place = np.argwhere(rng.random((16, 16, 16)) < 0.5)
     lower = np.asarray(place * frame.cell_m - EDGE_M / 2, np.float64)
     gas, absorbing, scattering = 10.0 ** rng.uniform(-2, 1.7, (3, len(place)))

@@ -22,7 +22,7 @@ from cldit.bench.case import changed
 from cldit.errors import DeviceError, TransportError
 from cldit.gpu import buffers
 from cldit.gpu.device import Device, open_device, split
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import build_octree
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.run import Run
@@ -36,7 +36,7 @@ from tests.small_scenes import of_whole_field
 
 EDGE = 0.2
 PIXELS = 40
-CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=2 * EDGE)
+CUBE = Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=2 * EDGE)
 
 WARM = {"droplet_temperature_K": 350.0}
 

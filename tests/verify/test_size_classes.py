@@ -11,19 +11,17 @@ from dataclasses import replace
 import miepython
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import Octree, PointSource, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import ScatteringTable, SizeClasses
 from cldit.transport.size_classes import in_size_classes
 from cldit.transport.trace import Trace, settings_for, trace
-
-Floats = NDArray[np.float64]
 
 UM, N, K = 3.4, 1.338, 0.0341
 SMALL, LARGE = 2e-6, 18e-6
@@ -66,7 +64,7 @@ def places() -> Floats:
 
 def tree_of(points: PointSource) -> Octree:
     edge_m = 1.01 * EDGE / CELLS
-    frame = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=edge_m)
+    frame = Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=edge_m)
     return build_octree(frame, points, [], optical_depth_split=1.0)
 
 

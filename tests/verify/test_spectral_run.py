@@ -17,7 +17,7 @@ import cldit
 from cldit.accuracy.node_traces import NodeTraces, node_settings, summed
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import build_octree, build_octrees
 from cldit.optics.band import emitters
 from cldit.optics.planck import band_radiance
@@ -79,7 +79,7 @@ def traced(
     scene: Scene, spray: Spray, device: Device, cache: Path
 ) -> tuple[Wavelengths, NodeTraces]:
     chosen = wavelengths(scene, spray, cache=cache)
-    frame = Frame.around(
+    frame = Cube.around(
         centre_m=scene.domain.centre_m, edge_m=EDGE, leaf_edge_m=scene.domain.leaf_m
     )
     sources = [emitters(spray, band) for band in chosen.bands]
@@ -190,7 +190,7 @@ def test_trees_of_one_geometry_are_those_of_one_alone() -> None:
     paper = parse_scene({"name": "p", "spray": {"model": "none"}})
     band = wavelengths(paper, spray, cache=None).bands[0]
     points, cells = emitters(spray, band)
-    frame = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=scene.domain.leaf_m)
+    frame = Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=scene.domain.leaf_m)
     alone = build_octree(frame, points, cells, optical_depth_split=1e-5)
     twice = [(points, cells), (points, cells)]
     both = build_octrees(frame, twice, optical_depth_split=1e-5, device=None)

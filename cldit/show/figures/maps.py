@@ -24,22 +24,22 @@ from cldit.show.figures.colours import (
     Scale,
     robust_limits,
 )
-from cldit.show.figures.panels import GREY, Frame, Panel, Window, panels_figure, window_around
+from cldit.show.figures.panels import GREY, ImageFrame, Panel, Window, panels_figure, window_around
 
 _VISIBLE = 0.05  # share of the light from which a panel is not just black
 Colours = str | Colormap
 """A colour map of matplotlib, or its name."""
 
 
-def frame_of(scene: Scene, *, sensor: bool = False) -> Frame:
+def frame_of(scene: Scene, *, sensor: bool = False) -> ImageFrame:
     """Axes of the traced images of a scene, or of those of its sensor."""
     (width, height), (columns, rows) = scene.camera.field_m, scene.camera.pixels
     pixel_m = SensorView.from_scene(scene).pixel_m if sensor else (width / columns, height / rows)
     x, _, z = scene.target_m
-    return Frame(pixel_m, (x, z))
+    return ImageFrame(pixel_m, (x, z))
 
 
-def spray_window(maps: Maps, frame: Frame) -> Window:
+def spray_window(maps: Maps, frame: ImageFrame) -> Window:
     """Part of the maps (H, W) with the spray, see `window_around`."""
     return window_around(np.where(maps.reason == Reason.OK, maps.emissivity, 0.0), frame)
 
@@ -47,7 +47,7 @@ def spray_window(maps: Maps, frame: Frame) -> Window:
 def spray_figure(
     panels: Sequence[Panel],
     maps: Maps,
-    frame: Frame,
+    frame: ImageFrame,
     *,
     title: str,
     legend: Sequence[tuple[Any, str]] = (),
@@ -83,7 +83,7 @@ def map_panels(maps: Maps, scale: Scale, *, paper: bool = False, **options: Any)
     ]
 
 
-def reasons_in(maps: Maps, frame: Frame, window: Window) -> set[int]:
+def reasons_in(maps: Maps, frame: ImageFrame, window: Window) -> set[int]:
     """Reasons that occur in a part of maps."""
     return set(np.unique(maps.reason[frame.slices(maps.reason.shape, window)]).tolist())
 
@@ -117,7 +117,7 @@ _SHORT = {
 
 def map_figure(
     maps: Maps,
-    frame: Frame,
+    frame: ImageFrame,
     *,
     title: str,
     vmin: float | None = None,
@@ -164,7 +164,7 @@ def weights_panels(weights: Weights) -> list[Panel]:
 
 
 def camera_figures(
-    images: Mapping[float, NDArray[np.floating | np.integer]], frame: Frame, *, title: str
+    images: Mapping[float, NDArray[np.floating | np.integer]], frame: ImageFrame, *, title: str
 ) -> dict[float, Figure]:
     """Figures of recorded `images` (H, W) in one scale, by temperature of the background, K."""
     bounds = [robust_limits(image.astype(np.float64)) for image in images.values()]

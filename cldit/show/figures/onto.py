@@ -7,13 +7,13 @@ from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile
 from cldit.show.figures.colours import EMISSIVITY, TEMPERATURE, Scale
 from cldit.show.figures.maps import Colours, spray_window
-from cldit.show.figures.panels import Frame, Window, beyond
+from cldit.show.figures.panels import ImageFrame, Window, beyond
 
 
 def draw_map(
     ax: Axes,
     maps: Maps,
-    frame: Frame,
+    frame: ImageFrame,
     *,
     emissivity: bool = False,
     vmin: float | None = None,

@@ -38,7 +38,7 @@ _CHARACTER = 0.068  # mean width in 8 points, with a reserve
 
 
 @dataclass(frozen=True)
-class Frame:
+class ImageFrame:
     """Position of an image: size of its pixels on the object, and (x, z) of its centre.
 
     axes: names of the coordinates to the right and upwards.
@@ -79,12 +79,12 @@ class Panel:
     logarithmic: bool = False
     opacity: NDArray[np.floating] | None = None
     clear: NDArray[np.bool_] | None = None
-    frame: Frame | None = None
+    frame: ImageFrame | None = None
     window: Window | None = None
     stamp: str = ""
 
 
-def window_around(weight: NDArray[np.floating], frame: Frame) -> Window:
+def window_around(weight: NDArray[np.floating], frame: ImageFrame) -> Window:
     """Part of an image with all but 0.1 % of `weight` (H, W) on each side, and the injector's tip.
 
     With a margin, in round numbers, at least half as wide as high and the reverse; the whole image
@@ -125,7 +125,7 @@ def joined(windows: Sequence[Window]) -> Window:
 @styled
 def panels_figure(
     panels: Sequence[Panel],
-    frame: Frame | None = None,
+    frame: ImageFrame | None = None,
     *,
     title: str,
     window: Window | None = None,
@@ -235,9 +235,9 @@ class _Layout:
         return x / self.width, bottom, wide / self.width, high / self.height
 
 
-def _cut(panel: Panel, frame: Frame | None, window: Window | None) -> Panel:
+def _cut(panel: Panel, frame: ImageFrame | None, window: Window | None) -> Panel:
     """The panel's pixels in its window, with their frame."""
-    frame = panel.frame or frame or Frame((1e-3, 1e-3))
+    frame = panel.frame or frame or ImageFrame((1e-3, 1e-3))
     window = panel.window or window or frame.extent_mm(panel.image.shape)
     rows, columns = part = frame.slices(panel.image.shape, window)
     image = panel.image[part]

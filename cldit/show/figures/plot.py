@@ -37,7 +37,7 @@ from cldit.show.figures.maps import (
     weights_panels,
 )
 from cldit.show.figures.onto import draw_map, draw_profile
-from cldit.show.figures.panels import Frame, Panel
+from cldit.show.figures.panels import ImageFrame, Panel
 from cldit.show.figures.readable import human_figures
 from cldit.show.figures.style import SCREEN_DPI, png_of
 from cldit.show.report.spray_report import views_figure
@@ -104,7 +104,7 @@ def _onto(ax: Axes, of: Any, kind: str, **options: Any) -> Figure:
     return figure
 
 
-def _seen(of: "Run | xarray.Dataset", kind: str = "maps") -> tuple[Maps, Frame, str]:
+def _seen(of: "Run | xarray.Dataset", kind: str = "maps") -> tuple[Maps, ImageFrame, str]:
     """Maps (H, W) of a data set, or of a run as traced or as acquired; their frame and a title."""
     if not isinstance(of, Run):
         return *maps_of(of), str(of.attrs.get("title", "cldit")).removeprefix("cldit: ")
@@ -201,7 +201,7 @@ _OF_RUN: Mapping[str, Callable[..., Figure]] = {
 }
 
 
-def maps_of(data: "xarray.Dataset") -> tuple[Maps, Frame]:
+def maps_of(data: "xarray.Dataset") -> tuple[Maps, ImageFrame]:
     """Maps (H, W) and their frame, from a data set of `cldit.evaluate`, `Run.to_xarray`, or of one
     scene of a sweep, which has neither reasons nor a goodness of fit.
 
@@ -225,7 +225,7 @@ def maps_of(data: "xarray.Dataset") -> tuple[Maps, Frame]:
     )
     x, z = (1e-3 * np.asarray(data[name].values, float) for name in ("x", "z"))
     pixel_m = (_step(x), _step(z))
-    return maps, Frame(pixel_m, (float(x.mean()), float(z.mean())))
+    return maps, ImageFrame(pixel_m, (float(x.mean()), float(z.mean())))
 
 
 def _step(places_m: np.ndarray[Any, np.dtype[np.float64]]) -> float:

@@ -15,7 +15,7 @@ from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
 from cldit.show.figures.onto import draw_profile
-from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
+from cldit.show.figures.panels import ImageFrame, Panel, panels_figure, window_around
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled, write_figure
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
@@ -36,7 +36,7 @@ def comparison_figure(difference: Difference) -> Drawing:
     limits = robust_limits(values) if values.size else None
     change = np.where(visible, difference.change, np.nan)
     top = float(np.percentile(np.abs(change[visible]), 99)) if values.size else 1.0
-    frame = Frame(pixel_m=base.pixel_m, centre_m=base.centre_m)
+    frame = ImageFrame(pixel_m=base.pixel_m, centre_m=base.centre_m)
     panels = [
         Panel(image, name, label, limits=limits, colours=TEMPERATURE)
         for image, name in zip(warm, _ends_apart(base.name, changed.name), strict=True)

@@ -16,7 +16,7 @@ from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
 from cldit.show.figures.colours import ERROR
 from cldit.show.figures.maps import errors_panels, map_figure, spray_figure
-from cldit.show.figures.panels import Frame, Panel
+from cldit.show.figures.panels import ImageFrame, Panel
 from cldit.show.figures.style import SCREEN_DPI
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
@@ -32,7 +32,7 @@ _TOTALS = {
 }
 
 
-def evaluation_sections(maps: Path, frame: Frame, *, title: str) -> list[Section]:
+def evaluation_sections(maps: Path, frame: ImageFrame, *, title: str) -> list[Section]:
     """Sections on the stored evaluation in the folder `maps`; none for folders of old versions."""
     place = maps / STORED
     if not place.is_file():
@@ -44,7 +44,7 @@ def evaluation_sections(maps: Path, frame: Frame, *, title: str) -> list[Section
         raise RunFolderError(f"{place}: is damaged ({error}); evaluate the shots again") from error
 
 
-def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section]:
+def _sections(stored: Any, maps: Path, frame: ImageFrame, title: str) -> list[Section]:
     parts = stored.get("budget") or {}
     drifts = _by_background(
         "term",
@@ -132,7 +132,7 @@ def _budget(parts: Mapping[str, Any]) -> Table:
     return Table(["part and its size", "T_app", "emissivity"], rows)
 
 
-def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -> list[Figure]:
+def _error_figures(names: Sequence[str], maps: Path, frame: ImageFrame, title: str) -> list[Figure]:
     """Systematic and total errors; and the change of T_app by each part alone."""
     totals = [
         Panel(read_image(path)[0], label, f"error / {unit}" if unit else "error", colours=ERROR)
@@ -167,7 +167,7 @@ def pixels_section(maps: Maps) -> Section:
     return Section("Pixels", [Table((), rows, numbers=(1, 2))], folded=True)
 
 
-def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
+def write_evaluation_page(maps: Path, frame: ImageFrame, *, title: str) -> Path:
     """Writes the page of an evaluation beside its maps and returns the page's path."""
     drawn = Maps.load(maps)
     errors = spray_figure(errors_panels(drawn), drawn, frame, title=f"{title}: standard errors")

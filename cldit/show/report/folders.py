@@ -10,7 +10,7 @@ from cldit.errors import RunFolderError
 from cldit.run import open_run
 from cldit.run.series_plan import SERIES_FILE
 from cldit.show.figures.maps import map_figure
-from cldit.show.figures.panels import Frame
+from cldit.show.figures.panels import ImageFrame
 from cldit.show.figures.style import write_figure
 from cldit.show.report.evaluation import write_evaluation_page
 from cldit.show.report.run_report import write_figures
@@ -25,7 +25,7 @@ def write_pages(folder: str | Path) -> tuple[Path, ...]:
     pages' paths.
     """
     recorded = open_recorded(folder)
-    frame = Frame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
+    frame = ImageFrame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
     return tuple(
         write_evaluation_page(
             place, frame, title=f"{recorded.folder.resolve().name}: acquired{when}"
@@ -67,7 +67,7 @@ def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
         raise RunFolderError(
             f"{recorded.folder}: is not evaluated yet; run `cldit evaluate {recorded.folder}` first"
         )
-    frame = Frame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
+    frame = ImageFrame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
     drawn: list[Path] = []
     for maps, when in _evaluated(recorded):
         title = f"{recorded.folder.resolve().name}: acquired{when}"

@@ -30,7 +30,7 @@ from cldit.show.figures.maps import (
     spray_window,
     weights_panels,
 )
-from cldit.show.figures.panels import GREY, Frame, Panel, panels_figure
+from cldit.show.figures.panels import GREY, ImageFrame, Panel, panels_figure
 from cldit.show.figures.readable import human_figures
 from cldit.show.figures.style import SCREEN_DPI, figure_bytes
 from cldit.show.page import (
@@ -76,7 +76,7 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
     name, delays = run.scene.name, run.scene.plan.delays_s
 
     def drawn(
-        panels: Sequence[Panel], title: str, frame: Frame = traced, missing: str = ""
+        panels: Sequence[Panel], title: str, frame: ImageFrame = traced, missing: str = ""
     ) -> Drawn:
         legend = [(GREY, missing)] if missing else []
         window = spray_window(run.maps, traced)
@@ -145,7 +145,7 @@ def _camera(run: Run) -> Slider:
     if len(acquisition.plan.delays) > 1 and spray_time_s(run.scene) is not None:
         delay = _delay_number(run, acquisition.plan.delays)
         acquisition = acquisition.of_group(Group(delay=delay))
-    frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
+    frame = ImageFrame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
     sums: dict[float, tuple[Floats, int]] = {}
     for shot in acquisition.shots:
         if shot.kind == "injection":

@@ -17,7 +17,7 @@ from cldit.scene import Scene
 from cldit.show.figures.colours import Scale
 from cldit.show.figures.film import write_film
 from cldit.show.figures.maps import frame_of, map_figure, spray_window
-from cldit.show.figures.panels import Frame, Window, joined
+from cldit.show.figures.panels import ImageFrame, Window, joined
 from cldit.show.figures.style import (
     SCREEN_DPI,
     WIDTH_IN,
@@ -123,7 +123,7 @@ def _acquired(time: SeriesTime) -> bool:
     return maps_of(time).parent.name == "acquisition"
 
 
-def _frame(scene: Scene, time: SeriesTime) -> Frame:
+def _frame(scene: Scene, time: SeriesTime) -> ImageFrame:
     return frame_of(scene, sensor=_acquired(time))
 
 

@@ -14,7 +14,7 @@ from cldit.constants import AVOGADRO_PER_MOL
 from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import MASS
-from cldit.show.figures.panels import Frame, Panel, panels_figure
+from cldit.show.figures.panels import ImageFrame, Panel, panels_figure
 from cldit.show.figures.style import WIDTH_IN, curves_of, finish, styled, write_figure
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
@@ -136,7 +136,7 @@ def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
     image = 1e3 * np.where(seen.image[::-1] >= low, seen.image[::-1], np.nan if top > 0 else 0.0)
     left, right, bottom, upper = seen.edges_m
     rows, columns = image.shape
-    frame = Frame(
+    frame = ImageFrame(
         pixel_m=((right - left) / columns, (upper - bottom) / rows),
         centre_m=(0.5 * (left + right), 0.5 * (bottom + upper)),
         axes=(_NAMES[_AXES[view][0]], _NAMES[_AXES[view][1]]),

@@ -23,7 +23,7 @@ from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.colours import COUNTS, NEGATIVE
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.optics_figures import optics_figure
-from cldit.show.figures.panels import Frame, Panel, joined, panels_figure, window_around
+from cldit.show.figures.panels import ImageFrame, Panel, joined, panels_figure, window_around
 from cldit.show.report.optics_summary import FIG4, PAPER, scene_optics
 from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
@@ -131,7 +131,7 @@ def from_below(spray: Spray) -> Spray:
 
 def visible_light(lab: Lab) -> Results:
     """Light of a lamp that droplets scatter to a camera below, 1.5 ms after the start."""
-    seen: dict[str, tuple[Floats, Frame]] = {}
+    seen: dict[str, tuple[Floats, ImageFrame]] = {}
     rows: list[Row] = []
     reach: dict[tuple[float, float], float] = {}
     for pressure_MPa, gas_K in _CONDITIONS:
@@ -186,7 +186,7 @@ def visible_light(lab: Lab) -> Results:
     )
 
 
-def _light_sheet(seen: Mapping[str, tuple[Floats, Frame]]) -> Figure:
+def _light_sheet(seen: Mapping[str, tuple[Floats, ImageFrame]]) -> Figure:
     top = max(float(np.percentile(light, 99.9)) for light, _ in seen.values())
     label = "radiance / that of the lamp"
     panels = [

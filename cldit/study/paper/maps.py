@@ -21,7 +21,7 @@ from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
 from cldit.scene.spray import LagrangianSpray
 from cldit.show.figures.maps import frame_of
-from cldit.show.figures.panels import Frame
+from cldit.show.figures.panels import ImageFrame
 from cldit.study.figures import changes_sheet, maps_sheet
 from cldit.study.lab import GASES_K, Lab, OPEN_s, gdi_in, in_gas, open_for
 from cldit.study.measures import (
@@ -307,7 +307,9 @@ def _readings(by_order: Mapping[int, Run], none: Run, all_orders: Run) -> dict[s
 
 
 def _order_sheets(
-    changes: Mapping[tuple[float, float, int], Change], none: Mapping[float, Change], frame: Frame
+    changes: Mapping[tuple[float, float, int], Change],
+    none: Mapping[float, Change],
+    frame: ImageFrame,
 ) -> dict[str, Figure]:
     long_ms, short_ms = _DURATIONS_MS
     shown = {

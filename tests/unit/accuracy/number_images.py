@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cldit.accuracy.image_pair import ImageDifference
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.prepare.stages import Stages
 
 EDGE_m, FIELD_m = 0.2, 0.16  # of the cube, and of the image
@@ -45,7 +45,7 @@ class NumberTracer:
             scene=self.scene,
             stages=Stages(None),
             on_lattice=on_lattice,
-            cube=Frame((0.0, 0.0, 0.0), edge_m=EDGE_m, depth=7),
+            cube=Cube((0.0, 0.0, 0.0), edge_m=EDGE_m, depth=7),
             cone=None,
         )
         vars(self.prepared).update(prepared)

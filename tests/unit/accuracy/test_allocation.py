@@ -18,7 +18,7 @@ from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, lattice_is_cells
 from cldit.accuracy.sources import BY_NAME
 from cldit.accuracy.sources.discretisation import spectral_K
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.spray import ConeSpray
@@ -78,7 +78,7 @@ def refined(
         estimates=tuple(estimates),
     )
     problem = Problem(scene, NOTHING, Stages(None), Path(), None)
-    cube = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.2, depth=1)
+    cube = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.2, depth=1)
     empty = SimpleNamespace(
         properties=SimpleNamespace(sources=[(None, [])]),
         finest_lattice_m=lambda **_: 0.0,

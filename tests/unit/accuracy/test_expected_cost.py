@@ -13,7 +13,7 @@ import pytest
 from cldit.accuracy import remarks
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.remarks import expected
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import PointSource, Sources
 from cldit.scene import Scene, load_scene
 from cldit.transport.trace import TraceSettings, settings_for
@@ -40,7 +40,7 @@ def remark(
     camera = {"camera.pixels": [100, 100], **WHOLE_KEYS}
     gdi: Scene = load_scene("gdi-cone").with_(**{**camera, **(keys or {})})
     settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
-    frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
+    frame = Cube((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
     allocation = Allocation.of(gdi, 1.0)
     prepared: Any = SimpleNamespace(scene=gdi, device=device, sources=box())

@@ -22,7 +22,7 @@ from cldit.accuracy.sources.gas_grid import (
 )
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Sources
 from cldit.prepare import medium
 from cldit.prepare.stages import Stages
@@ -33,7 +33,7 @@ from cldit.spray.result import Cells, Parcels, Spray, Vapour
 from tests.unit.accuracy.number_images import NumberTracer
 
 H = 1e-3
-CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
+CUBE = Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
 
 
 def vapour(h_m: float = H, *, long: int = 24) -> Vapour:

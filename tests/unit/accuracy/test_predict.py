@@ -14,7 +14,7 @@ from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.predict import coarse_estimates
 from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import TransportError
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene
 from tests.unit.accuracy.number_images import NumberTracer
@@ -107,7 +107,7 @@ def test_size_classes_for_their_share(monkeypatch: pytest.MonkeyPatch) -> None:
     errors_K = {"size classes": large_K, "gas grid": 0.5 * allocation["gas grid"]}
     estimates = tuple(Estimate(Cause(name, error_K, "")) for name, error_K in errors_K.items())
     monkeypatch.setattr(predict, "coarse_estimates", lambda _: estimates)
-    cube = Frame((0.0, 0.0, 0.0), edge_m=0.2, depth=7)
+    cube = Cube((0.0, 0.0, 0.0), edge_m=0.2, depth=7)
     prepared = SimpleNamespace(cube=cube, cone=1, is_empty=False, is_clear=False)
     tracer: Any = SimpleNamespace(prepared=prepared, frame=lambda _: cube, predicted={})
     problem: Any = SimpleNamespace(

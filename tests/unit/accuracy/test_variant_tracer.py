@@ -12,7 +12,7 @@ import pytest
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights
@@ -26,7 +26,7 @@ PIXELS = {"camera.pixels": [90, 60]}
 def tracer_of(
     *, node: Any = 0, key: Any = "alike", every: int = 1, asked_K: float = 1.0
 ) -> VariantTracer:
-    cube = Frame((0.0, 0.0, 0.0), edge_m=0.2, depth=0)
+    cube = Cube((0.0, 0.0, 0.0), edge_m=0.2, depth=0)
     scene = load_scene("gdi-cone").with_(**{"camera.rays_per_pixel": 1, **PIXELS})
     prepared: Any = SimpleNamespace(on_lattice=True, node=node, cube=cube, scene=scene)
     settings: Any = SimpleNamespace(accuracy_K=asked_K, visible=0.05)
@@ -90,7 +90,7 @@ def test_every_third_pixel_stands_for_its_neighbours(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(("pixels", "every"), [(300, 1), (301, 2), (600, 2), (1000, 4)])
 def test_at_most_90_000_pixels_are_traced(pixels: int, every: int, device: Device) -> None:
     scene = load_scene("gdi-cone").with_(**{"camera.pixels": [pixels, pixels]})
-    cube = Frame((-0.1, -0.1, -0.1), edge_m=0.2, depth=3)
+    cube = Cube((-0.1, -0.1, -0.1), edge_m=0.2, depth=3)
     node = Quadrature.grey(scene_filter(scene), reference_K=400.0).nodes[0]
     prepared: Any = SimpleNamespace(scene=scene, cube=cube, device=device, node=node)
     tracer = VariantTracer.of(prepared, settings_for(scene))

@@ -19,8 +19,10 @@ from cldit.acquisition.measured import open_measured
 from cldit.acquisition.measured_draft import write_measured
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.cli import main
+from cldit.comparison.shown import open_shown
+from cldit.dit.budget import load_parts
 from cldit.dit.maps import Maps, Reason
-from cldit.errors import ClditError, EvaluationError, SceneError
+from cldit.errors import ClditError, EvaluationError, RunFolderError, SceneError
 from cldit.optics.planck import band_radiance
 from cldit.rig.load import Setup
 from tests.bench.evaluation import bench_evaluation
@@ -187,6 +189,27 @@ def test_celsius_the_injectors_pixel_and_a_dead_pixel(tiffs: Path) -> None:
     assert Setup.model_validate(setup.model_dump(mode="json")) == setup  # in acquisitions
     maps = evaluate_folder(tiffs).maps
     assert maps.reason[7, 9] == Reason.BAD_PIXEL and maps.count()[Reason.BAD_PIXEL] == 1
+
+
+def test_errors_of_an_earlier_evaluation_are_not_left(tiffs: Path) -> None:
+    """The walls' error is stated, and then another: a comparison reads the parts that are left."""
+    data = _data(tiffs)
+    for error_K in (5.0, 3.0):
+        stated = {"background_emissivity": 0.9, "uncertainty": {"wall_temperature_K": error_K}}
+        _write(tiffs, {**data, "setup": {**data["setup"], **stated}})
+        evaluate_folder(tiffs)
+        (walls,) = (part for part in load_parts(tiffs / "maps")[0] if "walls" in part.name)
+        assert f"by {error_K:g} K" in walls.name
+
+
+@pytest.mark.parametrize("name", ["emissivity.tif", "budget/walls*_K.tif"])
+def test_maps_that_a_kill_left_of_two_evaluations_are_named(tiffs: Path, name: str) -> None:
+    """A map of another evaluation is a good file, and belongs to none of the others."""
+    evaluate_folder(tiffs)
+    (place,) = (tiffs / "maps").glob(name)
+    place.write_bytes((tiffs / "maps" / "fit_probability.tif").read_bytes())
+    with pytest.raises(RunFolderError, match=rf"{place.name}: is damaged: it differs"):
+        open_shown(tiffs)
 
 
 @pytest.mark.parametrize(

@@ -150,6 +150,15 @@ def test_another_plan_or_rig_than_before(mission: Mission) -> None:
     assert dry == wet and any("wall_temperature_K: 420.0 before" in line for line in dry)
 
 
+def test_a_lost_configuration_is_not_replaced(mission: Mission) -> None:
+    """The images before would be evaluated with the calibration of the rig of today."""
+    mission.acquire(stop_after=2)
+    (mission.folder / "configuration.json").unlink()
+    mission.data["setup"]["wall_temperature_K"] = 300.0
+    dry, wet = refusals(mission.rig(), mission.plan, mission.folder)
+    assert dry == wet and "configuration.json: is missing beside images; restore it" in dry[0]
+
+
 def test_a_dry_run_never_lets_a_trigger_inject(mission: Mission) -> None:
     """It is not made safe afterwards, so it must not bring the rig into a state that needs it."""
     seen: list[bool] = []

@@ -79,6 +79,22 @@ def test_whole_picture_without_journal_line_is_adopted(
     assert (entry["event"], entry["shot"], entry["adopted"]) == ("saved", "b01_inj_02", True)
 
 
+def test_a_retake_without_journal_line_is_adopted(
+    folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan
+) -> None:
+    """An image is removed and taken again, and a kill comes between it and the journal: it is not
+    compared with the digest of the removed one."""
+    (folder / "shots" / "b00_inj_01.tif").unlink()
+    assert acquire(open_rig(tiny_rig), tiny_plan, folder).complete
+    journal = folder / "journal.jsonl"
+    lines = journal.read_text().splitlines()
+    last = max(n for n, line in enumerate(lines) if '"saved"' in line)
+    journal.write_text("\n".join(lines[:last]) + "\n")
+    opened = open_acquisition(folder)
+    assert opened.complete and opened.whole().damage == ()
+    assert acquire(open_rig(tiny_rig), tiny_plan, folder).lost_injections == 0
+
+
 def test_half_written_picture_is_nothing(
     folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan
 ) -> None:

@@ -224,6 +224,25 @@ def test_stray_frames_are_flushed(mission: Mission) -> None:
     assert record.complete and record.rejected == 0
 
 
+def test_numbers_of_numpy_from_a_driver_are_stored(mission: Mission) -> None:
+    """Drivers of other packages pass on what their library gives; no injection is lost by that."""
+
+    def of_camera(camera: Any) -> dict[str, Any]:
+        def read_frames(n: int, timeout_s: float) -> Iterator[Frame]:
+            for frame in camera.read_frames(n, timeout_s):
+                number: Any = np.int64(frame.frame_id)
+                time_ns: Any = np.uint64(frame.device_timestamp_ns)
+                yield Frame(frame.data, number, time_ns, time_ns)
+
+        return {"read_frames": read_frames}
+
+    def of_background(background: Any) -> dict[str, Any]:
+        return {"read_temperature": lambda: np.float32(background.read_temperature())}
+
+    record = mission.acquire(mission.rig(camera=of_camera, background=of_background))
+    assert record.complete and record.lost_injections == 0
+
+
 def test_second_ctrl_c_stops_the_generator_first(mission: Mission) -> None:
     """Both presses fall into fire(): the burst is aborted, then written off, then all is safe;
     the handlers of the process are as before."""

@@ -11,7 +11,7 @@ import yaml
 from pydantic import ValidationError
 
 from cldit.cfd.openfoam.dictionaries import read_injectors
-from cldit.cfd.orientation import Frame, extrapolated
+from cldit.cfd.orientation import InjectorFrame, extrapolated
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.load import dump_scene, parse_scene
@@ -56,7 +56,7 @@ def written(case: Path, models: str, text: str = SPRAY) -> Path:
 )
 def test_turn_is_proper_and_takes_the_axis_down(axis: tuple[float, float, float]) -> None:
     unit = np.array(axis) / np.linalg.norm(axis)
-    turn = Frame(np.zeros(3), unit, ()).rotation
+    turn = InjectorFrame(np.zeros(3), unit, ()).rotation
     assert turn @ unit == pytest.approx([0, 0, -1], abs=1e-8)  # the last is snapped to +z
     assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-14)
     assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-14)
@@ -89,7 +89,7 @@ def test_boxes_keep_volume_centroid_and_proportions(
     vapour = read(case, nozzle_m=nozzle, axis=axis, cloud=away).vapour
     assert vapour is not None
     lower, upper = vapour.cells.lower_m, vapour.cells.upper_m
-    turn = Frame(np.zeros(3), np.array(axis) / np.linalg.norm(axis), ()).rotation
+    turn = InjectorFrame(np.zeros(3), np.array(axis) / np.linalg.norm(axis), ()).rotation
     x, y, z = np.meshgrid(*map(np.diff, block.edges), indexing="ij")
     edges = np.stack([x + 0.3 * y, y, z], axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
     ratio = (upper - lower) / (edges @ np.abs(turn).T)

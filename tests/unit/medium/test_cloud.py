@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
 from cldit.medium.deposit import place_droplets, touched_bricks
-from cldit.medium.frame import BRICK, Frame
+from cldit.medium.frame import BRICK, Cube
 from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray
 
-Floats = NDArray[np.float64]
 
-
-def frame(leaf_edge_m: float, edge_m: float = 0.1) -> Frame:
-    return Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=edge_m, leaf_edge_m=leaf_edge_m)
+def frame(leaf_edge_m: float, edge_m: float = 0.1) -> Cube:
+    return Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=edge_m, leaf_edge_m=leaf_edge_m)
 
 
 def parcels_at(place_m: Floats, droplets: Floats | None = None) -> Parcels:
@@ -39,7 +38,7 @@ def clouds(count: int, seed: int = 1) -> Parcels:
     return replace(parcels, extent=Cloud(sides @ sides.transpose(0, 2, 1)))
 
 
-def deposited(device: Device, frame: Frame, parcels: Parcels, *amounts: Floats) -> list[Floats]:
+def deposited(device: Device, frame: Cube, parcels: Parcels, *amounts: Floats) -> list[Floats]:
     """Each amount in all finest cells, [z, y, x]."""
     placed = place_droplets(frame, parcels.position_m, parcels.extent, parcels.droplets, device)
     touched = touched_bricks(frame, [placed], limit=100_000_000)

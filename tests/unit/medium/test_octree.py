@@ -6,21 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.medium.deposit import PlacedBoxes, PlacedPoints, place_boxes
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.gas_reconstruction import coarsened, reconstructed
 from cldit.medium.octree import FIELDS, CellSource, Octree, PointSource, build_octree
 from cldit.spray.result import Cells, Vapour
 
 EDGE = 0.2
-Floats = NDArray[np.float64]
 
 
-def frame(leaf_edge_m: float) -> Frame:
-    return Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=leaf_edge_m)
+def frame(leaf_edge_m: float) -> Cube:
+    return Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=leaf_edge_m)
 
 
 def boxes(lower: Floats, upper: Floats, vapour: Floats) -> CellSource:
@@ -177,7 +176,7 @@ def test_too_many_cells_is_an_error_that_says_what_to_do() -> None:
         )
 
 
-def one_by_one(where: Frame, lower: Floats, upper: Floats, vapour: Floats) -> Octree:
+def one_by_one(where: Cube, lower: Floats, upper: Floats, vapour: Floats) -> Octree:
     """The tree of boxes that are given some at a time."""
     parts = [slice(start, start + 900) for start in range(0, len(lower), 900)]
     some = [boxes(lower[part], upper[part], vapour[part]) for part in parts]

@@ -6,11 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Octree, PointSource, Sources, build_octree
 from cldit.medium.resolution import (
     ACROSS,
@@ -24,9 +24,8 @@ from cldit.medium.resolution import (
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells
 
-Floats = NDArray[np.float64]
 EDGE = 0.2
-CUBE = Frame(lower_m=(-0.1, -0.1, -0.1), edge_m=EDGE, depth=0)
+CUBE = Cube(lower_m=(-0.1, -0.1, -0.1), edge_m=EDGE, depth=0)
 
 
 def source(lower: Floats, upper: Floats, extinction: Floats, albedo: float = 0.8) -> CellSource:
@@ -50,7 +49,7 @@ def droplets(place: Floats, extent: Extent | None = None) -> PointSource:
     return PointSource(place, one, one, one, extent)
 
 
-def tree_of(frame: Frame, sources: Sources, device: Device | None = None) -> Octree:
+def tree_of(frame: Cube, sources: Sources, device: Device | None = None) -> Octree:
     return build_octree(frame, *sources, optical_depth_split=1e-5, device=device)
 
 
@@ -127,7 +126,7 @@ def test_lines_see_the_boxes_exactly(shape: tuple[int, int, int]) -> None:
     sources: Sources = (None, [source(grid.lower_m, grid.upper_m, values)])
     frame = on_grid(CUBE, sources)
     assert frame is not None
-    laid, anyhow = tree_of(frame, sources), tree_of(Frame(CUBE.lower_m, EDGE, 6), sources)
+    laid, anyhow = tree_of(frame, sources), tree_of(Cube(CUBE.lower_m, EDGE, 6), sources)
     off = []
     for _ in range(60):
         start, toward = rng.uniform(-0.02, 0.02, 3), rng.normal(size=3)
@@ -187,7 +186,7 @@ def test_a_box_that_nobody_sees_asks_for_no_cells() -> None:
     sources: Sources = (None, [source(lower, upper, np.array([10.0, 1e12]), 0.0)])
     assert on_grid(CUBE, sources) is None
     assert needed_edge_m(CUBE, sources) == pytest.approx(0.05)
-    tree = tree_of(Frame(CUBE.lower_m, EDGE, 4), sources)
+    tree = tree_of(Cube(CUBE.lower_m, EDGE, 4), sources)
     assert tree.integral("droplet_absorption") == pytest.approx(10.0 * 1e-3 + 1e-6, rel=2e-7)
 
 
@@ -200,7 +199,7 @@ def test_candidates_go_from_one_cell_to_the_finest_that_fits() -> None:
         assert found[0].frame.depth == 0
         assert all(b.frame.depth == a.frame.depth + 1 for a, b in pairwise(found))
         assert found[-1].memory_cells <= 200_000
-        following = Frame(found[-1].frame.lower_m, found[-1].frame.edge_m, len(found))
+        following = Cube(found[-1].frame.lower_m, found[-1].frame.edge_m, len(found))
         assert tree_of(following, sources).slots * 512 > 200_000 / 2
         for each in found:
             tree = tree_of(each.frame, sources)
@@ -269,7 +268,7 @@ def test_nothing_and_what_cannot_be() -> None:
 def test_what_lies_outside_is_cut_off() -> None:
     """A quarter of one of three cells, and one of four parcels; the octree takes the rest."""
     edge_m = 8e-3
-    cube = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
+    cube = Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
     # The last one touches the cube from outside.
     lower = np.array([[0.0, 0.0, 0.0], [-0.034, 0.0, 0.0], [0.0, 0.0, 0.032]])
     gas = source(lower, lower + edge_m, np.ones(3), albedo=0.0)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import miepython
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.optics import mie
 from cldit.optics.droplets import (
@@ -17,7 +16,6 @@ from cldit.optics.droplets import (
     table_error,
 )
 
-Floats = NDArray[np.float64]
 _NARROW = 0.1  # of a distribution's ln d
 
 

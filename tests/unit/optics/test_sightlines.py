@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.optics.sightlines import Beams, Sightlines
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
-Floats = NDArray[np.float64]
 MOLE = 6.02214076e23
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from cldit.errors import MediumError, SceneError
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, PointSource, Sources, build_octree
 from cldit.medium.resolution import MOST_CELLS
 from cldit.prepare.cell_choice import cells_that_fit, chosen_frame
@@ -32,7 +32,7 @@ def cube(voxels: int, voxel_m: float, depth: float = 0.3) -> Sources:
     ]
 
 
-def chosen(domain: Domain, sources: Sources, limit: int = MOST_CELLS) -> tuple[Frame, str]:
+def chosen(domain: Domain, sources: Sources, limit: int = MOST_CELLS) -> tuple[Cube, str]:
     frame, remarks = chosen_frame(domain, sources, None, limit=limit)
     return frame, " ".join(remarks)
 
@@ -53,7 +53,7 @@ def test_even_voxels_run_at_their_own_size() -> None:
 def test_a_leaf_that_is_set_stays(rule: Any) -> None:
     sources = cube(24, 4e-3)
     frame, said = chosen(Domain(rule=rule, leaf_edge_m=3e-3), sources, limit=10)
-    assert frame == Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.2, leaf_edge_m=3e-3)
+    assert frame == Cube.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.2, leaf_edge_m=3e-3)
     assert said == ""
     domain = Domain(rule=rule, leaf_edge_m=3e-3)
     own, _ = chosen_frame(domain, sources, None, limit=10, voxels=True)

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.medium.frame import Frame
+from cldit.arrays import Floats
+from cldit.medium.frame import Cube
 from cldit.medium.limiter import limited
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.transport.cells import OpticalCells
 from cldit.transport.linear_coefficients import LEAST
 from tests.kernels.cell_twin import RecordsTwin, linear_of, middles_of, relative_gradient
 
-Floats = NDArray[np.float64]
 CELLS = 64
-FRAME = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
+FRAME = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
 
 
 def tree_of(place: NDArray[np.int64], values: Floats, *, split: float = 1e-9) -> Octree:
@@ -156,7 +156,7 @@ CORNERS = np.array(list(product((-0.5, 0.5), repeat=3)))
 def random_cells(seed: int, *, isothermal: bool = False) -> OpticalCells:
     """Coefficients over four decades, each phase here and there."""
     rng = np.random.default_rng(seed)
-    frame = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.32, depth=5)
+    frame = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.32, depth=5)
     place = np.argwhere(rng.random((32, 32, 32)) < 0.4)
     lower = np.asarray(place * frame.cell_m, np.float64)
     some = rng.random((3, len(place))) < 0.7

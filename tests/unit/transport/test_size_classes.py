@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.optics.droplets import droplet_table
 from cldit.transport.mie_phase import SizeBins
@@ -24,7 +24,6 @@ from cldit.transport.size_classes import (
 from tests.phase_tables import henyey_greenstein
 
 OPTICS = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
-Floats = NDArray[np.float64]
 COUNT = 4000
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from cldit.medium.frame import Frame
+from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, build_octree
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.axis_order import axis_orders
@@ -21,7 +21,7 @@ from cldit.transport.tuning import Tuning
 def scattered_cells(seed: int) -> OpticalCells:
     """Cells of optical depth 0 to 1 here and there in a cube of 32, at its sides too."""
     rng = np.random.default_rng(seed)
-    frame = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.32, depth=5)
+    frame = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.32, depth=5)
     place = np.argwhere(rng.random((32, 32, 32)) < 0.02)
     lower = place * frame.cell_m
     half = rng.uniform(0.0, 0.5, len(place)) / frame.cell_m

@@ -30,10 +30,10 @@ from cldit.show.figures.maps import (
     shares_of_light,
     weights_panels,
 )
-from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
+from cldit.show.figures.panels import ImageFrame, Panel, panels_figure, window_around
 from cldit.show.figures.style import DPI, WIDTH_IN, png_of, write_figure
 
-FRAME = Frame((1e-3, 1e-3))
+FRAME = ImageFrame((1e-3, 1e-3))
 
 
 def _maps(emissivity: NDArray[np.floating], temperature_K: NDArray[np.floating]) -> Maps:
@@ -142,7 +142,7 @@ def test_up_is_up() -> None:
     temperature = np.full((40, 40), 300.0)
     temperature[:10] = 500.0
     maps = _maps(np.ones((40, 40)), temperature)
-    frame = Frame((1e-3, 1e-3), (0.01, -0.5))
+    frame = ImageFrame((1e-3, 1e-3), (0.01, -0.5))
     picture = _pixels(png_of(map_figure(maps, frame, title="t", vmin=300, vmax=500, scale=1)))
     left = picture[:, : int(0.35 * WIDTH_IN * DPI)]
     hot, cold = (

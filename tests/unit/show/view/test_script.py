@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
@@ -26,7 +26,6 @@ from cldit.show.view.packing import packed
 from cldit.show.view.traced import traced_item
 from tests.viewed import as_asked, made_run, scene_for
 
-Floats = NDArray[np.float64]
 SCRIPTS = ("quantities", "unpack", "planck", "boundary", "lines", "traced")
 MAPS = {
     "temperature": "apparent_temperature_K",

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.mixture import GasMixture
 from cldit.spray.flow.ray_choice import round_grid
-
-Floats = NDArray[np.float64]
 
 THRUST_N = 0.3  # as of a plume of the ECN's Spray G
 _SOURCE_m = 8e-3  # from the injector's place: there the jet gets its momentum and its width
