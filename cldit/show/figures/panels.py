@@ -35,6 +35,7 @@ _HEADING, _LINE, _LETTER = 0.28, 0.145, 0.24
 _HIGH = 7.6  # of all rows
 _WIDEST = 4.2  # of a single panel
 _CHARACTER = 0.068  # mean width in 8 points, with a reserve
+_STEPS = (1, 2, 5, 10)  # of ticks
 
 
 @dataclass(frozen=True)
@@ -260,7 +261,11 @@ def _inside(start: float, end: float) -> slice:
 
 
 def _wrapped(label: str, width_in: float) -> str:
-    return "\n".join(textwrap.wrap(label, max(8, int(width_in / _CHARACTER))))
+    """Lines of about the same length, as few as fit into the width: no last line of one word."""
+    widest = max(8, int(width_in / _CHARACTER))
+    lines = textwrap.wrap(label, widest)
+    even = (textwrap.wrap(label, width) for width in range(8, widest))
+    return "\n".join(next((split for split in even if len(split) == len(lines)), lines))
 
 
 def _norm(panel: Panel) -> Normalize:
@@ -300,7 +305,7 @@ def _label(axes: Axes, panel: Panel, *, leftmost: bool, lowest: bool) -> None:
     left, right, bottom, top = panel.window
     axes.set(xlim=(left, right), ylim=(bottom, top))
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        axis.set_major_locator(MaxNLocator(5, steps=_STEPS))
     axes.set_xticks([tick for tick in axes.get_xticks() if left <= tick <= right])
     for tick, label in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True):
         if tick in (left, right):  # beside the label of the next panel
@@ -332,7 +337,7 @@ def _key(axes: Axes, panels: Sequence[Panel]) -> None:
         return
     low, high = limits = panels[0].limits or (0.0, 1.0)
     panel, size = panels[0], max(abs(low), abs(high))
-    power = 0 if panel.logarithmic or 1e-3 <= size < 1e4 else math.floor(math.log10(size or 1.0))
+    power = 0 if panel.logarithmic or 1e-2 <= size < 1e4 else math.floor(math.log10(size or 1.0))
     unit = rf"$10^{{{power}}}$ {panel.label}" if power else panel.label
     bar = axes.figure.colorbar(
         ScalarMappable(_norm(panel), panel.colours),
@@ -345,6 +350,7 @@ def _key(axes: Axes, panels: Sequence[Panel]) -> None:
         bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         bar.ax.minorticks_off()
     else:
-        bar.ax.yaxis.set_major_locator(MaxNLocator(max(2, min(6, int(high_in / 0.3)))))
+        count = max(2, min(6, int(high_in / 0.3)))
+        bar.ax.yaxis.set_major_locator(MaxNLocator(count, steps=_STEPS))
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 10**power:.4g}"))
     bar.set_label(unit if power else _wrapped(unit, high_in))
