@@ -47,29 +47,20 @@ def cldit(*words: object, **environment: str) -> subprocess.CompletedProcess[str
     )
 
 
-@pytest.mark.parametrize("words", [["scenes"], ["devices"], ["compare", WRITTEN, WRITTEN]])
-def test_json_is_all_of_the_output(words: list[Any]) -> None:
+def found(*words: object) -> Any:
+    """The JSON that is all of the output; what people read is beside it."""
     done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
-    assert done.exit_code == 0
-    data = json.loads(done.stdout)
-    assert data and done.stderr  # what people read is beside it
+    assert done.exit_code == 0 and done.stderr, done.stderr
+    return json.loads(done.stdout)
 
 
 def test_json_of_scenes_and_devices() -> None:
-    runner = CliRunner()
-    scenes = json.loads(runner.invoke(main, ["scenes", "--json"]).stdout)
-    assert {"gdi", "empty"} <= {one["name"] for one in scenes}
-    scene = json.loads(runner.invoke(main, ["scenes", "--show", "gdi", "--json"]).stdout)
+    assert {"gdi", "empty"} <= {scene["name"] for scene in found("scenes")}
+    scene = found("scenes", "--show", "gdi")
     assert scene["name"] == "gdi" and "walls" in scene
-    devices = json.loads(runner.invoke(main, ["devices", "--json"]).stdout)
-    assert sum(one["used"] for one in devices["devices"]) == 1
+    devices = found("devices")
+    assert sum(device["used"] for device in devices["devices"]) == 1
     assert devices["drivers"]["dg645"]["kind"] == "trigger"
-
-
-def found(*words: object) -> Any:
-    done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
-    assert done.exit_code == 0, done.stderr
-    return json.loads(done.stdout)
 
 
 @pytest.mark.usefixtures("without_pages")
