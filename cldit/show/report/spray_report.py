@@ -1,7 +1,7 @@
 """Figures of a spray: from the side, from below, and against time."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Literal
 
@@ -31,17 +31,6 @@ _NAMES = "xyz"
 _NOTHING = np.empty((0, 3)), np.empty(0)  # places and masses
 
 
-@dataclass(frozen=True)
-class Projection:
-    """Mass per area, kg/m2 (H, W), row 0 at the lowest coordinate.
-
-    edges_m: left, right, bottom, top.
-    """
-
-    image: Floats
-    edges_m: tuple[float, float, float, float]
-
-
 def extent(spray: Spray) -> tuple[Floats, Floats]:
     """Lower and upper corner (3,) of the region with fuel, the injector included."""
     points = [np.zeros((1, 3))]
@@ -54,11 +43,9 @@ def extent(spray: Spray) -> tuple[Floats, Floats]:
     return corners_m.min(axis=0) - 2e-3, corners_m.max(axis=0) + 2e-3
 
 
-def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Mass of the droplets along the line of sight (from below: the paper's Fig. 5).
-
-    The sum over the pixels is exact.
-    """
+def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> tuple[Floats, Frame]:
+    """Mass of the droplets along the line of sight (from below: the paper's Fig. 5), kg/m2 (H, W),
+    and its place. The sum over the pixels is exact."""
     points, smoothing = _NOTHING, 0.0
     if (parcels := spray.parcels) is not None:
         points, smoothing = (parcels.position_m, parcels.masses_kg), _SMOOTHING
@@ -69,8 +56,8 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
     return _project(*points, extent(spray), view, pixel_m, smoothing)
 
 
-def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Mass of the fuel vapour along the line of sight."""
+def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> tuple[Floats, Frame]:
+    """Mass of the fuel vapour along the line of sight, kg/m2 (H, W), and its place."""
     points = _NOTHING
     if (vapour := spray.vapour) is not None:
         mass = vapour.number_density_m3 * vapour.cells.volume_m3
@@ -104,17 +91,18 @@ def _project(
     view: View,
     pixel_m: float,
     smoothing: float,
-) -> Projection:
-    right_axis, up_axis = _AXES[view]
+) -> tuple[Floats, Frame]:
+    axes = _AXES[view]
     edges = [
         np.arange(np.floor(bounds[0][a] / pixel_m), np.ceil(bounds[1][a] / pixel_m) + 1) * pixel_m
-        for a in (right_axis, up_axis)
+        for a in axes
     ]
-    image = np.histogram2d(place[:, right_axis], place[:, up_axis], bins=edges, weights=mass)[0].T
+    image = np.histogram2d(*place[:, axes].T, bins=edges, weights=mass)[0].T[::-1]
     if smoothing:
         image = gaussian_filter(image, smoothing, mode="constant")
-    corners = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
-    return Projection(np.asarray(image) / pixel_m**2, corners)
+    x, y = (0.5 * (along[0] + along[-1]) for along in edges)
+    frame = Frame((pixel_m, pixel_m), (x, y), axes=(_NAMES[axes[0]], _NAMES[axes[1]]))
+    return np.asarray(image) / pixel_m**2, frame
 
 
 def views_figure(spray: Spray, *, title: str) -> Figure:
@@ -122,25 +110,18 @@ def views_figure(spray: Spray, *, title: str) -> Figure:
     views: tuple[View, View] = ("side", "below")
     kinds = {"droplets": liquid_mass, "vapour": vapour_mass}
     panels = [
-        _mass_panel(of(spray, view, pixel_m=_PIXEL_M), f"{name}, {view}", view)
+        _mass_panel(*of(spray, view, pixel_m=_PIXEL_M), f"{name}, {view}")
         for view in views
         for name, of in kinds.items()
     ]
     return panels_figure(panels, title=title)
 
 
-def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
-    """Panel of mass per area, three decades below the largest; white below them."""
-    top = float(seen.image.max(initial=0.0))
+def _mass_panel(mass: Floats, frame: Frame, title: str) -> Panel:
+    """Panel of mass per area (H, W), three decades below the largest; white below them."""
+    top = float(mass.max(initial=0.0))
     low = top / 10**_DECADES
-    image = 1e3 * np.where(seen.image[::-1] >= low, seen.image[::-1], np.nan if top > 0 else 0.0)
-    left, right, bottom, upper = seen.edges_m
-    rows, columns = image.shape
-    frame = Frame(
-        pixel_m=((right - left) / columns, (upper - bottom) / rows),
-        centre_m=(0.5 * (left + right), 0.5 * (bottom + upper)),
-        axes=(_NAMES[_AXES[view][0]], _NAMES[_AXES[view][1]]),
-    )
+    image = 1e3 * np.where(mass >= low, mass, np.nan if top > 0 else 0.0)
     return Panel(
         image,
         title if top > 0 else f"{title}: none",
@@ -150,7 +131,6 @@ def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
         logarithmic=top > 0,
         clear=np.isnan(image),
         frame=frame,
-        window=frame.extent_mm(image.shape),
     )
 
 
