@@ -27,7 +27,6 @@ from cldit.show.figures.colours import (
 )
 from cldit.show.figures.panels import GREY, Frame, Panel, Window, panels_figure, window_around
 
-_VISIBLE = 0.05  # share of the light from which a panel is not just black
 Colours = str | Colormap
 """A colour map of matplotlib, or its name."""
 
@@ -295,6 +294,6 @@ def shares_of_light(
     panels = [
         Panel(images[name], f"share of {origin} in the signal", "share", (0.0, 1.0))
         for name, origin in (("vapour", "vapour"), ("liquid", "droplets"))
-        if np.nanmax(images[name], initial=0.0) > _VISIBLE
+        if np.nanmax(images[name], initial=0.0) > 0.05  # else the panel is black
     ]
     return panels, means

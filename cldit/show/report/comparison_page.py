@@ -23,7 +23,6 @@ from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_
 PAGE, REGIONS, PROFILES = "report.html", "regions.csv", "profiles.csv"
 _FROM = {"axis": "injector's tip", "across": "axis"}
 _LABELS = ("apparent temperature / K", "change / K", "emissivity", "change")
-_RESIDUAL = 4.0  # standard errors at the ends of the colours
 
 
 def comparison_figure(difference: Difference) -> Drawing:
@@ -44,7 +43,7 @@ def comparison_figure(difference: Difference) -> Drawing:
     ]
     panels += [
         change_panel(change, "difference", f"change of {label}", largest=top),
-        change_panel(difference.residuals, "residual", "standard errors", largest=_RESIDUAL),
+        change_panel(difference.residuals, "residual", "standard errors", largest=4.0),
     ]
     window = window_around(np.where(visible, base.maps.emissivity, 0.0), frame)
     title = "{1} minus {0}".format(*_ends_apart(base.name, changed.name))

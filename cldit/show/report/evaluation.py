@@ -28,7 +28,6 @@ from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_
 
 PAGE = "report.html"
 STORED = "evaluation.json"
-_SEEN_K = 1e-6  # smaller changes are rounding: the part cancels in the equation
 _IMPROBABLE = "{:.2g} % of the pixels have a fit_probability below 0.001; chance gives 0.1 %."
 _TOTALS = {
     "apparent_temperature_systematic_error_K": "systematic error of T_app",
@@ -153,7 +152,8 @@ def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -
         replace(change_panel(image, name.replace(" um", " µm"), "change / K"), clear=thin)
         for name in names
         if (path := maps / f"{part_file(name, 'K')}.tif").is_file()
-        and np.nanmax(np.abs(image := read_image(path)[0]), initial=0.0) > _SEEN_K
+        and np.nanmax(np.abs(image := read_image(path)[0]), initial=0.0)
+        > 1e-6  # else rounding: it cancels
     ]
     drawn = [
         (totals, "budget", f"Root of the sum of the squares of all parts, and with the statistical "

@@ -1,6 +1,5 @@
 """Figures of a spray: from the side, from below, and against time."""
 
-from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Literal
@@ -14,8 +13,9 @@ from cldit.constants import AVOGADRO_PER_MOL
 from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import MASS
+from cldit.show.figures.curves import time_figure
 from cldit.show.figures.panels import Frame, Panel, panels_figure
-from cldit.show.figures.style import WIDTH_IN, curves_of, finish, styled, write_figure
+from cldit.show.figures.style import write_figure
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
@@ -23,9 +23,6 @@ from cldit.spray.vtk_export import write_vtk
 
 View = Literal["side", "below"]
 
-_DECADES = 3.0  # of the colours
-_PIXEL_M = 5e-4  # of the figure
-_SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
 _AXES = {"side": (0, 2), "below": (0, 1)}
 _NAMES = "xyz"
 _NOTHING = np.empty((0, 3)), np.empty(0)  # places and masses
@@ -48,7 +45,10 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> tuple[Floats, Fr
     and its place. The sum over the pixels is exact."""
     points, smoothing = _NOTHING, 0.0
     if (parcels := spray.parcels) is not None:
-        points, smoothing = (parcels.position_m, parcels.masses_kg), _SMOOTHING
+        points, smoothing = (
+            (parcels.position_m, parcels.masses_kg),
+            1.0,
+        )  # pixel: parcels are points
         if isinstance(parcels.extent, Box):
             half = parcels.extent.edge_m / 2
             corners = parcels.position_m - half, parcels.position_m + half
@@ -97,20 +97,21 @@ def _project(
         np.arange(np.floor(bounds[0][a] / pixel_m), np.ceil(bounds[1][a] / pixel_m) + 1) * pixel_m
         for a in axes
     ]
-    image = np.histogram2d(*place[:, axes].T, bins=edges, weights=mass)[0].T[::-1]
+    right, up = axes
+    image = np.histogram2d(place[:, right], place[:, up], bins=edges, weights=mass)[0].T[::-1]
     if smoothing:
         image = gaussian_filter(image, smoothing, mode="constant")
     x, y = (0.5 * (along[0] + along[-1]) for along in edges)
-    frame = Frame((pixel_m, pixel_m), (x, y), axes=(_NAMES[axes[0]], _NAMES[axes[1]]))
+    frame = Frame((pixel_m, pixel_m), (x, y), axes=(_NAMES[right], _NAMES[up]))
     return np.asarray(image) / pixel_m**2, frame
 
 
-def views_figure(spray: Spray, *, title: str) -> Figure:
-    """Figure of droplets and vapour from the side and from below."""
+def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
+    """Figure of droplets and vapour from the side and from below, with pixels of `pixel_m`."""
     views: tuple[View, View] = ("side", "below")
     kinds = {"droplets": liquid_mass, "vapour": vapour_mass}
     panels = [
-        _mass_panel(*of(spray, view, pixel_m=_PIXEL_M), f"{name}, {view}")
+        _mass_panel(*of(spray, view, pixel_m=pixel_m), f"{name}, {view}")
         for view in views
         for name, of in kinds.items()
     ]
@@ -120,7 +121,7 @@ def views_figure(spray: Spray, *, title: str) -> Figure:
 def _mass_panel(mass: Floats, frame: Frame, title: str) -> Panel:
     """Panel of mass per area (H, W), three decades below the largest; white below them."""
     top = float(mass.max(initial=0.0))
-    low = top / 10**_DECADES
+    low = 1e-3 * top
     image = 1e3 * np.where(mass >= low, mass, np.nan if top > 0 else 0.0)
     return Panel(
         image,
@@ -134,39 +135,26 @@ def _mass_panel(mass: Floats, frame: Frame, title: str) -> Panel:
     )
 
 
-@styled
 def history_figure(history: History, *, title: str) -> Figure:
     """Figure of penetration, droplet size, masses and coldest gas against time."""
-    figure, grid = curves_of(WIDTH_IN, 4.8, title=title, rows=2, columns=2)
-    panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
-        (
-            "penetration / mm",
-            (
-                (1e3 * history.vapour_m, "vapour, along the plumes (0.001)"),
-                (1e3 * history.liquid_m, "liquid, axial (2e-3 mm³/mm²)"),
-                (1e3 * history.thin_liquid_m, "liquid, axial (0.2e-3 mm³/mm²)"),
-            ),
-        ),
-        ("Sauter mean diameter / µm", ((1e6 * history.sauter_mean_diameter_m, ""),)),
-        (
-            "mass / mg",
-            (
-                (1e6 * history.injected_kg, "injected"),
-                (1e6 * history.liquid_kg, "liquid"),
-                (1e6 * history.vapour_kg, "vapour"),
-            ),
-        ),
-        ("coldest gas / K", ((history.coldest_K, ""),)),
-    )
-    for axes, (label, lines) in zip(grid.flat, panels, strict=True):
-        for values, name in lines:
-            axes.plot(1e3 * history.time_s, values, label=name or None)
-        finish(axes, "time after start of injection / ms", label)
-        axes.set_xlim(left=0)
-        if len(lines) > 1:
-            axes.set_ylim(bottom=0)
-            axes.legend()
-    return figure
+    penetrations = [
+        (1e3 * history.vapour_m, "vapour, along the plumes (0.001)", ""),
+        (1e3 * history.liquid_m, "liquid, axial (2e-3 mm³/mm²)", ""),
+        (1e3 * history.thin_liquid_m, "liquid, axial (0.2e-3 mm³/mm²)", ""),
+    ]
+    masses = [
+        (1e6 * history.injected_kg, "injected", ""),
+        (1e6 * history.liquid_kg, "liquid", ""),
+        (1e6 * history.vapour_kg, "vapour", ""),
+    ]
+    panels = [
+        ("penetration / mm", True, penetrations),
+        ("Sauter mean diameter / µm", False, [(1e6 * history.sauter_mean_diameter_m, "", "")]),
+        ("mass / mg", True, masses),
+        ("coldest gas / K", False, [(history.coldest_K, "", "")]),
+    ]
+    time_ms, label = 1e3 * history.time_s, "time after start of injection / ms"
+    return time_figure(time_ms, label, panels, title=title, height_in=4.8, columns=2)
 
 
 def write_spray(
