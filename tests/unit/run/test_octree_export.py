@@ -314,4 +314,4 @@ def test_a_case_of_cfd_lies_where_it_was(
     (case / "parcels.csv").write_text(changed)
     done = CliRunner().invoke(main, ["export", str(case / "run"), "--to", "vtu"])
     assert done.exit_code == 1
-    assert "parcels.csv, which has changed since" in " ".join(done.output.split())
+    assert "parcels.csv, which has changed (" in " ".join(done.output.split())
