@@ -62,7 +62,7 @@ _HOMES = {
     "sweep": "cldit.study.sweep:run_sweep",
     "view": "cldit.api.viewing:view",
 }
-# Names of 0.1, which leave with 0.3.
+# Names of 0.1, which leave with 0.4.
 _RENAMED = {
     "dump_scene": ("cldit.scene:dump_scene", "Scene.to_yaml"),
     "open_device": ("cldit.run.trusted:open_device", "opencl_device"),

@@ -9,7 +9,7 @@ import numpy as np
 
 from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.record import acquisition_in
-from cldit.api.folder_evaluation import evaluate_recorded, evaluate_scattering
+from cldit.api.folder_evaluation import evaluate_folder, evaluate_scattering
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.io.images import words
 from cldit.io.presented import xarray_module
@@ -53,7 +53,7 @@ def evaluate(
     xarray_module()
     place = acquisition_in(folder)
     recorded = open_recorded(place, frame=frame)
-    evaluation = evaluate_recorded(
+    evaluation = evaluate_folder(
         recorded, curve=calibration, accept=accept, progress=progress, say=say
     )
     extra_variables: dict[str, tuple[Any, str, str]] = {}

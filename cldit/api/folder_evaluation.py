@@ -46,14 +46,14 @@ def evaluate_groups(
     progress: Callable[[int, int], None] | None = None,
     say: Say | None = None,
 ) -> tuple[GroupEvaluation, ...]:
-    """Evaluates every filter and every delay, in the plan's order, as `evaluate_recorded`.
+    """Evaluates every filter and every delay, in the plan's order, as `evaluate_folder`.
 
     One delay has its maps in `maps`, several in `maps/delay_0.95ms` and so on, with the table
     `maps/delays.csv`. Several filters have all that in a folder each, `maps/FILTER`. A group that
     cannot be evaluated does not stop the others; EvaluationError if all fail.
     """
     evaluate = partial(
-        evaluate_recorded, recorded, curve=curve, accept=accept, progress=progress, say=say
+        evaluate_folder, recorded, curve=curve, accept=accept, progress=progress, say=say
     )
     if isinstance(recorded, Measured):
         return (GroupEvaluation(None, recorded.folder / "maps", evaluate()),)
@@ -102,7 +102,7 @@ def group_problems(evaluations: Collection[GroupEvaluation]) -> str:
 
 
 def evaluate_folder(
-    folder: str | Path,
+    folder: str | Path | Acquisition | Measured,
     *,
     curve: CurveSource = "planck",
     frame: int = 0,
@@ -117,7 +117,8 @@ def evaluate_folder(
     They go into `maps` beside the images; those of several filters or delays into a folder each.
 
     Args:
-        folder: acquisition, folder with measured.yaml, or such a file itself.
+        folder: acquisition, folder with measured.yaml, or such a file itself; or what
+            `open_recorded` makes of it.
         curve, accept, progress: as `cldit.dit.recorded.evaluate_shots`; findings that
             measured.yaml accepts are accepted too.
         frame: which image of each shot, if the plan has several.
@@ -133,22 +134,9 @@ def evaluate_folder(
             the journal are omitted and named by the remarks.
         EvaluationError: the shots cannot be evaluated.
     """
-    recorded = open_recorded(folder, frame=frame)
-    return evaluate_recorded(
-        recorded, curve=curve, group=group, accept=accept, progress=progress, say=say
-    )
-
-
-def evaluate_recorded(
-    recorded: Acquisition | Measured,
-    *,
-    curve: CurveSource = "planck",
-    group: Group | None = None,
-    accept: Collection[str] = (),
-    progress: Callable[[int, int], None] | None = None,
-    say: Say | None = None,
-) -> Evaluation:
-    """Evaluates opened data and stores the maps, as `evaluate_folder`."""
+    recorded = folder
+    if not isinstance(recorded, Acquisition | Measured):
+        recorded = open_recorded(recorded, frame=frame)
     missing: tuple[str, ...] = ()
     if isinstance(recorded, Measured):
         if group is not None:

@@ -14,7 +14,6 @@ from cldit.comparison.shown import open_shown
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.files import read_text
-from cldit.io.origin import FileRead
 from cldit.run import Run, Say, open_run, simulate
 from cldit.run.stored_files import SCENE_FILE
 from cldit.scene import dump_scene
@@ -65,17 +64,8 @@ def inputs_that_changed(run: Run) -> tuple[str, ...]:
             hashlib.sha256(document.encode()).hexdigest() for document in texts
         ):
             lines.append(f"{run.folder or run.scene.name}/scene.yaml: has changed since the run")
-    for was in run.info.files if origin is None else origin.inputs:
-        try:
-            current = FileRead.of(Path(was.path))
-        except OSError as error:
-            lines.append(f"{was.path}: cannot be read ({error.strerror or error})")
-            continue
-        if current.sha256 != was.sha256:
-            lines.append(
-                f"{was.path}: has changed ({was.bytes} bytes of {was.modified} then, "
-                f"{current.bytes} bytes of {current.modified} now)"
-            )
+    inputs = run.info.files if origin is None else origin.inputs
+    lines += [f"{read.path}: {read.change}" for read in inputs if read.change]
     return tuple(lines)
 
 

@@ -37,7 +37,6 @@ def show_spray(scene: str, out: Path | None, suffix: str | None, device: str | N
     """Computes the spray of a scene alone: figures, history, files for ParaView."""
     chosen = load_scene(scene)
     folder = out or Path("sprays") / chosen.name
-    title = f"{chosen.name}: {chosen.description}" if chosen.description else chosen.name
     history: History | None = None
     if isinstance(chosen.spray, LagrangianSpray):
         with ProgressBar() as bar:
@@ -53,7 +52,7 @@ def show_spray(scene: str, out: Path | None, suffix: str | None, device: str | N
         spray = make_spray(chosen.spray, open_device(device), cache=default_cache())
     for remark in spray.remarks:
         say(remark)
-    written = write_spray(spray, history, folder, title=title, suffix=suffix or ".png")
+    written = write_spray(spray, history, folder, title=chosen.name, suffix=suffix or ".png")
     for name, figure in human_figures(spray.notes).items():
         OUT.print(f"{name}: {figure}")
     print_files(*written)

@@ -68,13 +68,18 @@ class FileRead:
         return asdict(self)
 
     @property
-    def unchanged(self) -> bool:
-        """True if the file is the same as when it was read."""
-        path = Path(self.path)
+    def change(self) -> str:
+        """Change since the file was read, as text; empty if it is the same."""
         try:
-            return path.stat().st_size == self.bytes and FileRead.of(path).sha256 == self.sha256
-        except OSError:
-            return False
+            now = FileRead.of(Path(self.path))
+        except OSError as error:
+            return f"cannot be read ({error.strerror or error})"
+        if now.sha256 == self.sha256:
+            return ""
+        return (
+            f"has changed ({self.bytes} bytes of {self.modified} then, {now.bytes} bytes of "
+            f"{now.modified} now)"
+        )
 
     @property
     def text(self) -> str:

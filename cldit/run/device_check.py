@@ -66,9 +66,9 @@ Problem = Callable[[Device], Any]  # an image, or None
 
 _LAUNCHES = 2  # of each variant of a kernel
 _SCRATCH = "rays"  # of sweep.cl: its layout depends on the device
-_ROUNDING = {"float32": 2e-5, "float64": 5e-6}  # this and the next three: see above
-_GAS = 3e-4  # of a spray in single precision; of the first launches
-_STEPS = 2e-2  # of droplets in single precision
+_ROUNDING = {  # see above; gas: of first launches, droplets: both in single precision
+    "float32": 2e-5, "float64": 5e-6, "gas": 3e-4, "droplets": 2e-2,
+}  # fmt: skip
 _SAMPLED = {
     "gather.cl gather": 1e-2,
     "path.cl scatter": 2e-3,
@@ -101,7 +101,7 @@ class Launches:
         name = f"{program.name} {kernel}"
         variant = f"{name} {sorted(arguments)}"
         self.launches[variant] += 1
-        if self.launches[variant] > (1 if self.rounding == _GAS else _LAUNCHES):
+        if self.launches[variant] > (1 if self.rounding == _ROUNDING["gas"] else _LAUNCHES):
             return
         for argument in sorted(_written(program.name, kernel) & arguments.keys()):
             buffer = arguments[argument]
@@ -317,9 +317,9 @@ def problems(device: Device) -> Iterator[tuple[str, float, Problem]]:
     device_precision = "float64" if device.info.float64 else "float32"
     single = _ROUNDING["float32"]
     yield f"{device_precision} deposit", single, _deposits
-    yield "float32 spray", _GAS, _spray
+    yield "float32 spray", _ROUNDING["gas"], _spray
     for model in MODELS:
-        rounding = single if device_precision == "float64" else _STEPS
+        rounding = single if device_precision == "float64" else _ROUNDING["droplets"]
         yield f"{device_precision} droplets, {model}", rounding, partial(_droplets, model=model)
     tree = _medium()
     for precision in dict.fromkeys(("float32", device_precision)):

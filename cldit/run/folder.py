@@ -89,7 +89,7 @@ def _as_read(scene: Scene, run: Run) -> bool:
         files = files[:1]  # the others are those that it was made from
     elif spray.nozzle_m is None or spray.axis is None or not isinstance(spray.time_s, float):
         return False
-    return bool(files) and all(file.unchanged for file in files)
+    return bool(files) and not any(file.change for file in files)
 
 
 def open_run(path: str | Path) -> Run:

@@ -16,7 +16,6 @@ from cldit.accuracy.node_traces import node_settings
 from cldit.accuracy.resolution import Resolution
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
-from cldit.io.origin import FileRead
 from cldit.medium.octree import Octree
 from cldit.prepare.medium import prepare
 from cldit.prepare.spray_factory import make_spray
@@ -127,19 +126,11 @@ def _node(run: Run, node: int | None) -> int:
 
 def _check_files(run: Run) -> None:
     """Raises RunFolderError if a file of the spray has changed."""
-    for stored in run.info.files:
-        try:
-            current = FileRead.of(Path(stored.path))
-        except OSError as error:
+    for read in run.info.files:
+        if change := read.change:
             raise RunFolderError(
-                f"{_name(run)}: its spray was read from {stored.path}, which is gone "
-                f"({error.strerror}); restore it, and export again"
-            ) from error
-        if current.sha256 != stored.sha256:
-            raise RunFolderError(
-                f"{_name(run)}: its spray was read from {stored.path}, which has changed since "
-                f"(sha256 {stored.sha256[:12]}, now {current.sha256[:12]}); restore it, or run the "
-                "scene again"
+                f"{_name(run)}: its spray was read from {read.path}, which {change}; restore it, "
+                "or run the scene again"
             )
 
 

@@ -21,7 +21,6 @@ from cldit.show.figures.style import DPI, png_of
 
 _WIDE_IN = 5.5  # from which labels would be too small on a phone
 _PX_PER_IN = 145  # a figure for two columns of a journal fills a page
-_SHORT = 16  # characters in the longest cell of a column that is aligned to the right
 _CODE = re.compile(r"`([^`]+)`")
 _SLIDE = """<script>
 (function (box) {
@@ -108,7 +107,7 @@ Cell = str | Link | Bar
 class Table:
     """Rows of cells under titles, which may be empty; omitted without rows.
 
-    numbers: columns that are aligned to the right; None: those of short texts.
+    numbers: columns that are aligned to the right; None: those of cells up to 16 letters.
     """
 
     titles: Sequence[str]
@@ -265,7 +264,7 @@ def _html_table(table: Table) -> str:
     numbers = table.numbers
     if numbers is None:
         columns = enumerate(zip(*table.rows, strict=True))
-        numbers = [at for at, cells in columns if max(map(_length, cells)) <= _SHORT]
+        numbers = [at for at, cells in columns if max(map(_length, cells)) <= 16]
     lines = [[("td", cell) for cell in row] for row in table.rows]
     if table.titles:
         lines.insert(0, [("th" if title else "td", title) for title in table.titles])

@@ -9,8 +9,8 @@ import argparse
 from pathlib import Path
 
 from cldit.gpu.device import Device, open_device
-from cldit.io.files import write_text
 from cldit.run import default_cache
+from cldit.show.page import Page, Section, Table, write_page
 from cldit.spray.droplet.models import MODELS
 from tests.verify import droplet_published as published
 from tests.verify.droplet_verification import (
@@ -20,45 +20,34 @@ from tests.verify.droplet_verification import (
 )
 
 
-def page(cache: Path, device: Device) -> str:
-    """The tables, as Markdown."""
+def page(cache: Path, device: Device) -> Page:
+    """The tables."""
     names = list(MODELS)
-    return "\n".join(
+    return Page(
+        "Verification of the droplet models",
         [
-            *_TOP,
-            "## Evaporation constant K at rest, mm²/s",
-            "",
-            "Slope of d² between 80 % and 25 % of its first value. The experiments disagree by a",
-            "factor of two: Nomura's droplets (0.7 mm) also received heat through their fibre and",
-            "by radiation; Verwey and Birouk extrapolate droplets of 14 µm to a fibre of no",
-            "thickness. Film theory (the first two columns) lies between them.",
-            "",
-            *_table(["gas, K", "measured", *names], _K_rows(cache, device)),
-            "",
-            "## Suspended droplets in air, d² in mm²",
-            "",
-            *_table(["case, time", "measured", *names], _suspended_rows(cache, device)),
-            "",
-        ]
+            "Written by `python -m tests.bench droplets --out docs/verification-droplets.md`. No "
+            "constant of a model is fitted to any of these figures.",
+            "Sources: Nomura et al., Symp. (Int.) Combust. 26, 1267 (1996), as digitised for "
+            "PeleLMeX; Verwey and Birouk (2023), by their fit K = 3.6552e-4 T - 0.1078; the "
+            "validation cases kolaitis_heptane_1 and _2 of the Fire Dynamics Simulator.",
+            Section(
+                "Evaporation constant K at rest, mm²/s",
+                [
+                    "Slope of d² between 80 % and 25 % of its first value. The experiments "
+                    "disagree by a factor of two: Nomura's droplets (0.7 mm) also received heat "
+                    "through their fibre and by radiation; Verwey and Birouk extrapolate droplets "
+                    "of 14 µm to a fibre of no thickness. Film theory (the first two columns) lies "
+                    "between them.",
+                    Table(["gas, K", "measured", *names], _K_rows(cache, device)),
+                ],
+            ),
+            Section(
+                "Suspended droplets in air, d² in mm²",
+                [Table(["case, time", "measured", *names], _suspended_rows(cache, device))],
+            ),
+        ],
     )
-
-
-_TOP = (
-    "# Verification of the droplet models",
-    "",
-    "Written by `python -m tests.bench droplets --out docs/verification-droplets.md`. No constant",
-    "of a model is fitted to any of these figures.",
-    "",
-    "Sources: Nomura et al., Symp. (Int.) Combust. 26, 1267 (1996), as digitised for PeleLMeX;",
-    "Verwey and Birouk (2023), by their fit K = 3.6552e-4 T - 0.1078; the validation cases",
-    "kolaitis_heptane_1 and _2 of the Fire Dynamics Simulator.",
-    "",
-)
-
-
-def _table(heading: list[str], rows: list[list[str]]) -> list[str]:
-    lines = [heading, ["---"] * len(heading), *rows]
-    return ["| " + " | ".join(cells) + " |" for cells in lines]
 
 
 def _K_rows(cache: Path, device: Device) -> list[list[str]]:
@@ -114,4 +103,4 @@ def main() -> None:
     """Writes the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, help="Markdown file", required=True)
-    write_text(parser.parse_args().out, page(default_cache(), open_device()))
+    write_page(page(default_cache(), open_device()), parser.parse_args().out)

@@ -10,29 +10,26 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import EIGHT_PLUMES, FlowBox
+from cldit.show.page import Bullets, Section, Table
 from cldit.spray.droplet.fluids import fuel_table, gas_table
-from tests.bench.spray_history import Bench, table
+from tests.bench.spray_history import Bench
 from tests.unit.spray.flow.references import SPRAY_G, Found, saturation
 
 _TIMES = (0.2, 0.4, 0.6, 0.8)  # ms
 _AXIS_TIMES = (0.6, 0.8, 0.9, 1.0, 1.1)
 _SOURCES = (
-    "[1] As a public case of another code quotes the ECN: the summary of its third workshop,",
-    "and its file of gas velocities at z = 15 mm. The proceedings themselves were not read. No",
-    "measured penetration of the vapour, and no speed of droplets, could be read.",
-    "",
+    "[1] As a public case of another code quotes the ECN: the summary of its third workshop, and "
+    "its file of gas velocities at z = 15 mm. The proceedings themselves were not read. No "
+    "measured penetration of the vapour, and no speed of droplets, could be read."
 )
 _CAUSES = (
-    "What differs from these figures, and why:",
-    "",
-    "- **Liquid with cones of 22°**, 36 mm: the cone of a plume is input. Siebers' length goes",
-    "  as 1/tan of half of it; 30° is the cone that the source above gives for this injector.",
-    "- **D32**, 8.7 µm: it is input, too, 9 µm at the hole. With 11 µm it is 10.8 µm.",
-    "- **Gas on the axis at 1.0 ms**: the small difference of two large flows, of what the plumes",
-    "  draw in and what they drag along. On gas of 2 mm it is +8 m/s; there, with a mixing length",
-    "  of 0.013 or 0.025 (0.018) -3 and +50, with an injection of 0.68 ms +21, with plumes at 37°",
-    "  +10. Inputs and grid are not known well enough for a comparison.",
-    "",
+    "**Liquid with cones of 22°**, 36 mm: the cone of a plume is input. Siebers' length goes as "
+    "1/tan of half of it; 30° is the cone that the source above gives for this injector.",
+    "**D32**, 8.7 µm: it is input, too, 9 µm at the hole. With 11 µm it is 10.8 µm.",
+    "**Gas on the axis at 1.0 ms**: the small difference of two large flows, of what the plumes "
+    "draw in and what they drag along. On gas of 2 mm it is +8 m/s; there, with a mixing length of "
+    "0.013 or 0.025 (0.018) -3 and +50, with an injection of 0.68 ms +21, with plumes at 37° +10. "
+    "Inputs and grid are not known well enough for a comparison.",
 )
 
 
@@ -50,7 +47,7 @@ def _changes(box: FlowBox) -> dict[str, dict[str, Any]]:
     }
 
 
-def spray_g(bench: Bench) -> list[str]:
+def spray_g(bench: Bench) -> Section:
     """Section of the page: this injector, and what its liquid depends on."""
     spec = SPRAY_G.model_copy(update={"box": bench.box()})
     changes = _changes(spec.box)
@@ -108,16 +105,16 @@ def spray_g(bench: Bench) -> list[str]:
         ),
     ]
     rows = [[label, *(text(each) for each in found), wanted] for label, text, wanted in kinds]
-    return [
-        "## Conditions of the ECN's Spray G",
-        "",
-        "Iso-octane of 363 K, 20 MPa, 10 mg in 0.78 ms into nitrogen of 573 K and 0.6 MPa; plumes",
-        "at 33° with cones of 30°, as Colmenares, Ameen and Patel describe this injector (J. Eng.",
-        "Gas Turbines Power 145, 061009), 9 µm, up to 1.2 ms. A scene has the first of the",
-        "evaporation models, and cones of 22°, unless it says otherwise.",
-        "",
-        *table(["", *changes, "expected"], rows),
-        "",
-        *_SOURCES,
-        *_CAUSES,
-    ]
+    return Section(
+        "Conditions of the ECN's Spray G",
+        [
+            "Iso-octane of 363 K, 20 MPa, 10 mg in 0.78 ms into nitrogen of 573 K and 0.6 MPa; "
+            "plumes at 33° with cones of 30°, as Colmenares, Ameen and Patel describe this "
+            "injector (J. Eng. Gas Turbines Power 145, 061009), 9 µm, up to 1.2 ms. A scene has "
+            "the first of the evaporation models, and cones of 22°, unless it says otherwise.",
+            Table(["", *changes, "expected"], rows),
+            _SOURCES,
+            "What differs from these figures, and why:",
+            Bullets(_CAUSES),
+        ],
+    )

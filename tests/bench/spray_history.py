@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,9 +31,3 @@ class Bench:
         seconds = f"{found.seconds:.0f} s of processor time"
         self.say(f"{label}: liquid {liquid:.1f} mm, vapour {vapour:.1f} mm, {seconds}")
         return found
-
-
-def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """A table in Markdown, `rows` below their `heading`."""
-    lines = [list(heading), ["---"] * len(heading), *rows]
-    return ["| " + " | ".join(cells) + " |" for cells in lines]

@@ -16,13 +16,14 @@ import numpy as np
 from cldit.gpu.device import open_device
 from cldit.io.files import append_text, write_text
 from cldit.run import default_cache
+from cldit.show.page import Block, Page, Section, Table, markdown_of
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.models import MODELS
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.simulate import simulate_spray
 from tests.bench.spray_g import spray_g
-from tests.bench.spray_history import Bench, table
+from tests.bench.spray_history import Bench
 from tests.unit.spray.flow.free_jet import free_jet
 from tests.unit.spray.flow.gas_jet import JET, gas_jet
 from tests.unit.spray.flow.references import (
@@ -46,29 +47,20 @@ def page(
     """Markdown of the head and of each of `SECTIONS`, or `only` of some sections."""
     bench = Bench(cache, spacing_m, say)
     if not only:
-        yield "\n".join(
-            [
-                *_TOP,
-                f"Cells of the gas are {1e3 * spacing_m:g} mm wide 25 mm from the hole.",
-                "",
-                "",
-            ]
-        )
+        cells = f"Cells of the gas are {1e3 * spacing_m:g} mm wide 25 mm from the hole."
+        yield Page("Verification of the computed spray: all numbers", [_TOP, cells]).markdown()
     for name, section in SECTIONS.items():
         if not only or name in only:
-            yield "\n".join([*section(bench), ""])
+            yield f"\n{markdown_of([section(bench)])}\n"
 
 
 _TOP = (
-    "# Verification of the computed spray: all numbers",
-    "",
-    "Nothing is tuned to any of these figures. 10 mg of n-heptane of 370 K, 20 MPa, eight holes of",
-    "165 µm at 33°, 0.78 ms, at 0.95 ms after the start of injection, unless another is named.",
-    "",
+    "Nothing is tuned to any of these figures. 10 mg of n-heptane of 370 K, 20 MPa, eight holes of "
+    "165 µm at 33°, 0.78 ms, at 0.95 ms after the start of injection, unless another is named."
 )
 
 
-def _conditions(bench: Bench) -> list[str]:
+def _conditions(bench: Bench) -> Section:
     box, cache = bench.box(), bench.cache
     found = [bench.run(f"{p:g} MPa, {t} K", at(p, t, box=box)) for p, t in CONDITIONS]
     lone = [bench.run(f"{p:g} MPa, {t} K, alone", alone(at(p, t, box=box))) for p, t in CONDITIONS]
@@ -118,24 +110,23 @@ def _conditions(bench: Bench) -> list[str]:
         "wet bulb, K",
         "CPU, s",
     ]
-    return [
-        "## Pressure and temperature of the gas",
-        "",
-        "Liquid: the farthest distance along the injector's axis with 2e-3 mm³ of liquid on a mm²",
-        "that is looked at across it, the Engine Combustion Network's definition; thin: with",
-        "0.2e-3. Vapour: along the plumes, to a mass fraction of 0.001, mean of the plumes; in",
-        "brackets over Naber and Siebers (SAE 960034) for the same flow, speed and cone (11° to",
-        "each side), full flow from the start of injection on. Theirs is one plume in gas at rest,",
-        "so one is computed by itself, too. Saturation is the temperature that fuel and gas have",
-        "where the gas mixed in just evaporates all fuel; wet bulb that of a droplet in the",
-        "undisturbed gas.",
-        "",
-        *table(heading, rows),
-        "",
-    ]
+    return Section(
+        "Pressure and temperature of the gas",
+        [
+            "Liquid: the farthest distance along the injector's axis with 2e-3 mm³ of liquid on "
+            "a mm² that is looked at across it, the Engine Combustion Network's definition; "
+            "thin: with 0.2e-3. Vapour: along the plumes, to a mass fraction of 0.001, mean of "
+            "the plumes; in brackets over Naber and Siebers (SAE 960034) for the same flow, "
+            "speed and cone (11° to each side), full flow from the start of injection on. "
+            "Theirs is one plume in gas at rest, so one is computed by itself, too. Saturation "
+            "is the temperature that fuel and gas have where the gas mixed in just evaporates "
+            "all fuel; wet bulb that of a droplet in the undisturbed gas.",
+            Table(heading, rows),
+        ],
+    )
 
 
-def _late(bench: Bench) -> list[str]:
+def _late(bench: Bench) -> Section:
     rows = []
     for p, t in CONDITIONS:
         spec = at(p, t, box=bench.box(2), time_s=1.5e-3)
@@ -156,18 +147,17 @@ def _late(bench: Bench) -> list[str]:
             ]
         )
     heading = ["gas, at 1.5 ms", "liquid, mm", "thin, mm", "vapour, mm", "liquid, mg"]
-    return [
-        "## Later",
-        "",
-        "1.5 ms after the start of injection, when droplets are looked at by visible light; on a",
-        f"grid of {2e3 * bench.spacing_m:g} mm. 0.0: nowhere as much.",
-        "",
-        *table(heading, rows),
-        "",
-    ]
+    return Section(
+        "Later",
+        [
+            "1.5 ms after the start of injection, when droplets are looked at by visible light; on "
+            f"a grid of {2e3 * bench.spacing_m:g} mm. 0.0: nowhere as much.",
+            Table(heading, rows),
+        ],
+    )
 
 
-def _eddies(bench: Bench) -> list[str]:
+def _eddies(bench: Bench) -> Section:
     cache, spacing_m = bench.cache, bench.spacing_m
     fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
     mixture = gas_mixture(fuel, gas, reference_K=573.0)
@@ -190,21 +180,21 @@ def _eddies(bench: Bench) -> list[str]:
         "mass flux / (sqrt(rho F) x)",
         "U x / sqrt(F/rho)",
     ]
-    return [
-        "## A jet of gas alone",
-        "",
-        "Without droplets, after 1.5 ms, along the injector's axis. Measured: half width and speed",
-        "on the axis as in Abani and Reitz (K = 0.457), mass flux by Ricou and Spalding (1961),",
-        "who found it to be the same whatever the jet's own density is. A Gaussian profile of this",
-        "half width and speed carries pi 0.085² 7.4 / ln 2 = 0.242: the rest of 0.28 is in tails",
-        "of measured profiles, which Prandtl's mixing length does not have.",
-        "",
-        *table(heading, rows),
-        "",
-    ]
+    return Section(
+        "A jet of gas alone",
+        [
+            "Without droplets, after 1.5 ms, along the injector's axis. Measured: half width "
+            "and speed on the axis as in Abani and Reitz (K = 0.457), mass flux by Ricou and "
+            "Spalding (1961), who found it to be the same whatever the jet's own density is. A "
+            "Gaussian profile of this half width and speed carries pi 0.085² 7.4 / ln 2 = "
+            "0.242: the rest of 0.28 is in tails of measured profiles, which Prandtl's mixing "
+            "length does not have.",
+            Table(heading, rows),
+        ],
+    )
 
 
-def _parcels(bench: Bench) -> list[str]:
+def _parcels(bench: Bench) -> Section:
     changes: dict[str, dict[str, Any]] = {
         f"{1e3 * bench.spacing_m:g} mm, 1e4 droplets a parcel": {},
         "5e3 droplets a parcel": {"droplets_per_parcel": 5e3},
@@ -217,15 +207,12 @@ def _parcels(bench: Bench) -> list[str]:
         (name, bench.run(name, at(0.6, 573, **{"box": bench.box(), **change})))
         for name, change in changes.items()
     ]
-    return ["## Grid and parcels", "", *_compared(found), ""]
+    return Section("Grid and parcels", [_compared(found)])
 
 
-def _half(bench: Bench) -> list[str]:
-    lines = [
-        "## Half the spacing",
-        "",
-        "One plume alone has an eighth of the droplets a parcel, so as many parcels as eight have.",
-        "",
+def _half(bench: Bench) -> Section:
+    content: list[Block] = [
+        "One plume alone has an eighth of the droplets a parcel, so as many parcels as eight have."
     ]
     eight = at(0.6, 573)
     few = eight.droplets_per_parcel / len(eight.plumes)
@@ -236,11 +223,11 @@ def _half(bench: Bench) -> list[str]:
             name = f"{label}, {1e3 * part * bench.spacing_m:g} mm"
             box = spec.box.model_copy(update={"spacing_m": part * bench.spacing_m})
             found.append((name, bench.run(name, spec.model_copy(update={"box": box}))))
-        lines += [*_compared(found), ""]
-    return lines
+        content.append(_compared(found))
+    return Section("Half the spacing", content)
 
 
-def _compared(found: Sequence[tuple[str, Found]]) -> list[str]:
+def _compared(found: Sequence[tuple[str, Found]]) -> Table:
     """Compares each with the first."""
     first = found[0][1]
     base = first.spray.notes
@@ -266,10 +253,10 @@ def _compared(found: Sequence[tuple[str, Found]]) -> list[str]:
         "evaporated, %",
         "CPU, s",
     ]
-    return table(heading, rows)
+    return Table(heading, rows)
 
 
-def _methane(bench: Bench) -> list[str]:
+def _methane(bench: Bench) -> Section:
     device, fuel = open_device(), fuel_table("methane", cache=bench.cache)
     rows = [["measured", "3.0", "0.108, 0.111", "9.52", "7.4", "0.28"]]
     for part in (2.0, 1.0):
@@ -288,25 +275,25 @@ def _methane(bench: Bench) -> list[str]:
         "U x / sqrt(F/rho)",
         "mass flux / (sqrt(rho F) x)",
     ]
-    return [
-        "## A jet of methane",
-        "",
-        "From 15 into 0.4 MPa of nitrogen at 520 K through 0.4 mm, thrust F = 1.67 N. Tip: P. G.",
-        "Hill and P. Ouellette, J. Fluids Eng. 121, 93 (1999), under-expanded methane among their",
-        "jets. Half width of the mass fraction Y, and Y on the axis over r_e / x (r_e: radius of",
-        "the notional nozzle times the root of its density over that around): C. D. Richards and",
-        "W. M. Pitts, and 0.111 of an under-expanded jet, both by A. J. Ruggles and I. W. Ekoto,",
-        "Int. J. Hydrogen Energy 37, 17549 (2012), who find r_e of this notional nozzle (Yüceil",
-        "and Ötügen) 9 % small, which makes 10.5 of 9.52. The mean flow carries all of the fuel,",
-        "where eddies carry a part along a real jet: with Gaussian profiles of half widths 0.085",
-        "and 0.108, and 7.4, it must have 11.8.",
-        "",
-        *table(heading, rows),
-        "",
-    ]
+    return Section(
+        "A jet of methane",
+        [
+            "From 15 into 0.4 MPa of nitrogen at 520 K through 0.4 mm, thrust F = 1.67 N. Tip: "
+            "P. G. Hill and P. Ouellette, J. Fluids Eng. 121, 93 (1999), under-expanded methane "
+            "among their jets. Half width of the mass fraction Y, and Y on the axis over r_e / "
+            "x (r_e: radius of the notional nozzle times the root of its density over that "
+            "around): C. D. Richards and W. M. Pitts, and 0.111 of an under-expanded jet, both "
+            "by A. J. Ruggles and I. W. Ekoto, Int. J. Hydrogen Energy 37, 17549 (2012), who "
+            "find r_e of this notional nozzle (Yüceil and Ötügen) 9 % small, which makes 10.5 "
+            "of 9.52. The mean flow carries all of the fuel, where eddies carry a part along a "
+            "real jet: with Gaussian profiles of half widths 0.085 and 0.108, and 7.4, it must "
+            "have 11.8.",
+            Table(heading, rows),
+        ],
+    )
 
 
-SECTIONS: dict[str, Callable[[Bench], list[str]]] = {
+SECTIONS: dict[str, Callable[[Bench], Section]] = {
     "conditions": _conditions,
     "later": _late,
     "spray-g": spray_g,

@@ -53,17 +53,3 @@ def test_unknown_measurement_is_refused() -> None:
     )
     assert done.returncode != 0
     assert "no measurement nothing; allowed: ablation" in done.stderr
-
-
-@pytest.mark.slow
-def test_costs_of_a_command_add_up(tmp_path: Path) -> None:
-    command = ["run", "empty", "--quick", "--trace-only", "--out", str(tmp_path / "run")]
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.bench", "device_cost", "--", *command],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    found = dict(re.findall(r"^(\w+) +(\d+\.?\d*)", done.stdout, re.MULTILINE))
-    parts = sum(float(found[name]) for name in ("imports", "compilation", "kernels", "host"))
-    assert parts == pytest.approx(float(found["all"]), abs=0.03)  # each is rounded
-    assert int(found["launches"]) > 0
-    assert float(found["imports"]) > float(found["kernels"])  # of some ms

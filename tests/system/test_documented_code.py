@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from functools import cache
 from pathlib import Path
@@ -24,34 +23,18 @@ def places(text: str) -> list[tuple[str, list[str]]]:
     return [(file, re.findall(r"`([\w.]+)`", names)) for file, names in _PLACE.findall(text)]
 
 
-@cache
-def _defined(file: str) -> frozenset[str]:
-    """Functions, classes and constants of a module; of a class `Class.method`, and `method`."""
-    found: set[str] = set()
-
-    def into(body: list[ast.stmt], within: str) -> None:
-        for node in body:
-            names = []
-            if isinstance(node, ast.FunctionDef | ast.ClassDef):
-                names = [node.name]
-            elif isinstance(node, ast.Assign):
-                names = [target.id for target in node.targets if isinstance(target, ast.Name)]
-            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                names = [node.target.id]
-            found.update(names)
-            found.update(f"{within}{name}" for name in names)
-            if isinstance(node, ast.ClassDef):
-                into(node.body, f"{node.name}.")
-
-    into(ast.parse((_ROOT / file).read_text(encoding="utf-8")).body, "")
-    return frozenset(found)
-
-
 def is_defined(file: str, name: str) -> bool:
-    if file.endswith(".py"):
-        return name in _defined(file)
-    text = (_ROOT / file).read_text(encoding="utf-8")
-    return re.search(_C_NAME.format(re.escape(name)), text, re.MULTILINE) is not None
+    """True if a file defines a function, class, constant or field, or `Class.name` of them."""
+    text, last = (_ROOT / file).read_text(encoding="utf-8"), re.escape(name.rpartition(".")[2])
+    owner = re.escape(name.rpartition(".")[0])
+    if not file.endswith(".py"):
+        return re.search(_C_NAME.format(last), text, re.MULTILINE) is not None
+    if owner:  # up to the next line that is not indented
+        body = re.search(rf"^class {owner}\b.*\n((?:[ )].*\n|\n)*)", text, re.MULTILINE)
+        text = "" if body is None else body[1]
+    return (
+        re.search(rf"^\s*((def|class) {last}\b|{last}(:.*)? = |{last}: )", text, re.M) is not None
+    )
 
 
 def test_files_named_in_the_docs_exist() -> None:

@@ -1,4 +1,4 @@
-"""Every `cldit` command in the README and the docs is one that there is, options and all.
+"""Every `cldit` command in the README and the docs exists, with its options, and Python is valid.
 
 `test_walk.py` runs the pages, on the files that each begins with.
 """
@@ -21,6 +21,13 @@ def test_documented_commands_are_understood() -> None:
         except (click.UsageError, AssertionError) as error:
             wrong.append(f"{page}: {line}: {error}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_documented_python_is_understood() -> None:
+    scripts = [(page, step) for page in PAGES for step in steps(page) if step.language == "python"]
+    assert len(scripts) >= 20
+    for page, step in scripts:
+        compile(step.text, page, "exec")
 
 
 def test_commands_are_found_in_the_pages() -> None:

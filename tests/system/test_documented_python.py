@@ -1,9 +1,8 @@
-"""Python blocks of the docs run as they stand; those of other pages in `test_walk.py`."""
+"""Python of the pages without commands runs as it is typed; `test_walk.py` runs the other pages."""
 
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -11,13 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from cldit.acquisition.frames import open_stack
 from cldit.acquisition.pictures.source import Source
 from cldit.errors import EvaluationError
-from tests.laboratory import laboratory
-from tests.measured_files import write_measured
 
 _ROOT = Path(__file__).parents[2]
 _BLOCK = re.compile(r"^```(python|toml)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -94,52 +90,8 @@ def _read_a_film(folder: Path) -> None:
         sys.modules.pop("my_film", None)
 
 
-@pytest.mark.usefixtures("here")
-def test_evaluation() -> None:
-    pytest.importorskip("xarray", reason="the extra studies is not installed")
-    Path("measurements").mkdir()
-    write_measured(Path("measurements/july"), laboratory(1, shape=(24, 40)))
-    names = run("docs/dit.md")
-    assert "background" in names["maps"].remarks and names["spray"].dims == ("z", "x")
-
-
-@pytest.mark.usefixtures("here")  # the rig's run is beside it
-def test_rig(tiny_rig: dict[str, Any]) -> None:
-    Path("rig.yaml").write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
-    plan = {"backgrounds_K": [440.0, 480.0], "shots": 1, "references": 1}
-    Path("plan.yaml").write_text(yaml.safe_dump(plan), encoding="utf-8")
-    names = run("docs/rig.md")
-    assert names["saved"].image.any()
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_errors() -> None:
     names = run("docs/errors.md")
     assert {cause.name for cause in names["run"].errors.causes} >= {"trace", "cells"}
-
-
-@pytest.mark.usefixtures("here")
-def test_view() -> None:
-    shutil.copytree(_ROOT / "tests" / "data" / "run-0.1.0", "runs/gdi")
-    run("docs/view.md")
-    assert Path("gdi.html").stat().st_size > 10_000
-
-
-@pytest.mark.slow
-def test_sharing(here: Path) -> None:
-    for module in ("xarray", "h5netcdf"):
-        pytest.importorskip(module, reason="the extra studies is not installed")
-    shutil.copytree(_ROOT / "tests" / "data" / "run-0.1.0", here / "runs" / "gdi")
-    names = run("docs/sharing.md")
-    assert names["cut"].distance_m.size > 3 and (here / "gdi.nc").stat().st_size > 10_000
-    assert (here / "runs" / "copy" / "acquisition" / "journal.jsonl").is_file()
-
-
-def test_no_page_is_forgotten() -> None:
-    found = [*(_ROOT / "docs").rglob("*.md"), _ROOT / "README.md", _ROOT / "CONTRIBUTING.md"]
-    pages = [str(page.relative_to(_ROOT)) for page in found]
-    here = ("dit", "errors", "extending", "rig", "sharing", "view")
-    walked = ("importing", "spray", "studies", "ten-things")
-    known = {"README.md", *(f"docs/{name}.md" for name in (*here, *walked))}
-    assert {p for p in pages if any(language == "python" for language, _ in blocks(p))} == known

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -20,8 +18,7 @@ from numpy.typing import NDArray
 from cldit.gpu.device import Device
 from tests.small_scenes import agree, weights
 from tests.system.test_kernel_cache import COPY
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.system.test_portability import run
 
 
 @pytest.fixture(scope="module")
@@ -51,20 +48,8 @@ def intel(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     }
 
 
-def run(environment: dict[str, str], *arguments: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", *arguments],
-        cwd=ROOT,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
-
-
 def traced(environment: dict[str, str], out: Path) -> dict[str, NDArray[Any]]:
-    run(environment, "tests.small_scenes", str(out))
+    run(environment, "-m", "tests.small_scenes", str(out))
     with np.load(out) as stored:
         found = dict(stored)
     assert found.pop("platform") == "Intel(R) OpenCL"
@@ -89,7 +74,8 @@ def test_scenes_agree_with_pocl_on_a_cold_and_a_warm_cache(
 
 @pytest.mark.slow
 def test_kernels_pass(intel: dict[str, str]) -> None:
-    run(intel, "pytest", "-q", "-x", "-p", "no:xdist", "-p", "no:cacheprovider", "tests/kernels")
+    quiet = ("-q", "-x", "-p", "no:xdist", "-p", "no:cacheprovider")
+    run(intel, "-m", "pytest", *quiet, "tests/kernels")
 
 
 def test_a_damaged_binary_is_compiled_again(intel: dict[str, str], tmp_path: Path) -> None:
@@ -102,11 +88,11 @@ def test_a_damaged_binary_is_compiled_again(intel: dict[str, str], tmp_path: Pat
         "assert [name for name, _ in program.built.arguments['copy']] == ['out', 'in']"
     )
     environment = intel | {"XDG_CACHE_HOME": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    run(environment, "-c", code)
     [path] = (tmp_path / "cldit" / "programs").glob("*.program")
     whole = path.read_bytes()
     for damaged in (whole[:-1], b"00000000" + whole[8:]):
         path.write_bytes(damaged)
-        subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+        run(environment, "-c", code)
         assert len(path.read_bytes()) == len(whole)
         assert path.read_bytes()[:8] != b"00000000"

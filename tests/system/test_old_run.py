@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import cldit
-from cldit.cli import main
 from cldit.io.images import read_image
+from tests.command_line import command
 
 WRITTEN = Path(__file__).parents[1] / "data" / "run-0.1.0"
 
@@ -46,8 +45,7 @@ def test_the_acquisition_is_evaluated(folder: Path) -> None:
     maps = folder / "acquisition" / "maps"
     before = read_image(maps / "apparent_temperature_K.tif")[0]
     shutil.rmtree(maps)
-    result = CliRunner().invoke(main, ["evaluate", str(folder)])
-    assert result.exit_code == 0, result.output
+    command("evaluate", folder)
     names = ("apparent_temperature", "apparent_temperature_standard_error")
     after, error = (read_image(maps / f"{name}_K.tif")[0] for name in names)
     names = ("emissivity", "emissivity_standard_error")
@@ -61,7 +59,5 @@ def test_the_acquisition_is_evaluated(folder: Path) -> None:
 
 def test_the_rig_is_driven(folder: Path, tmp_path: Path) -> None:
     """Its driver `simulated_bench` is called `simulated_scene` now."""
-    arguments = ["acquire", str(folder / "rig.yaml"), str(folder / "plan.yaml")]
-    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "again")])
-    assert result.exit_code == 0, result.output
+    command("acquire", folder / "rig.yaml", folder / "plan.yaml", "--out", tmp_path / "again")
     assert len(list((tmp_path / "again" / "shots").glob("*.tif"))) == 12

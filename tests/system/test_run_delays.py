@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 import cldit
-from cldit.cli import main
 from cldit.dit.maps import Maps
+from tests.command_line import command
 from tests.small_scenes import WHOLE
 
 SMALL: dict[str, Any] = {
@@ -25,12 +24,6 @@ SMALL: dict[str, Any] = {
 }
 
 
-def _run(*arguments: object) -> str:
-    done = CliRunner().invoke(main, [str(one) for one in arguments], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
 @pytest.mark.slow
 def test_a_run_of_two_delays(tmp_path: Path) -> None:
     """The later spray covers more of the picture; the run itself shows the scene's own time."""
@@ -40,7 +33,7 @@ def test_a_run_of_two_delays(tmp_path: Path) -> None:
     data["camera"]["sensor"] = {"pixels": [24, 18]}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(data))
     out = tmp_path / "run"
-    _run("run", tmp_path / "scene.yaml", "--out", out)
+    command("run", tmp_path / "scene.yaml", "--out", out)
     places = [out / "acquisition" / "maps" / f"delay_{name}" for name in ("0.6ms", "0.95ms")]
     early, late = (Maps.load(place) for place in places)
     thick = [int(np.sum(maps.emissivity > 0.5)) for maps in (early, late)]
@@ -52,6 +45,6 @@ def test_a_run_of_two_delays(tmp_path: Path) -> None:
     report = (out / "report.html").read_text(encoding="utf-8")
     assert "0.6 ms: " in report and "0.95 ms: " in report
     shots = len(list((out / "acquisition" / "shots").iterdir()))
-    _run("run", tmp_path / "scene.yaml", "--out", out)  # nothing is left to do
+    command("run", tmp_path / "scene.yaml", "--out", out)  # nothing is left to do
     assert len(list((out / "acquisition" / "shots").iterdir())) == shots == 2 * 2 * 4
-    assert "temperature of the medium" in _run("evaluate", out, "--model", out)
+    assert "temperature of the medium" in command("evaluate", out, "--model", out).output

@@ -19,13 +19,12 @@ from typing import Any
 
 import pytest
 import yaml
-from click.testing import CliRunner
 
 import cldit
-from cldit.cli import main
 from cldit.rig.errors import InUse, NotSafe
 from cldit.testing.bed import opened
 from tests.beds import in_tiers, make_of
+from tests.command_line import command
 from tests.emulators.blackbody import ModbusPeer
 from tests.emulators.rig import blackbody_choice
 from tests.patience import HANG_s
@@ -117,14 +116,13 @@ def test_a_rig_touches_none_of_its_instruments(tiny_rig: dict[str, Any], tmp_pat
         acquire = ["acquire", str(rig), str(plan), "--out", out]
         with in_another_process(bed.device, "dg645") as holder:
             asked = bed.replies.sent
-            for command in (
+            for words in (
                 acquire,
                 [*acquire, "--live"],
                 [*acquire, "--dry-run"],
                 ["check-driver", "dg645", str(rig), "--instrument", "--yes"],
             ):
-                got = CliRunner().invoke(main, command)
-                assert got.exit_code == 1, got.output
+                got = command(*words, status=1)
                 said = " ".join((got.output + got.stderr).split())
                 assert f"is in use by process {holder.pid} (" in said
                 assert "NOT SAFE" not in said

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from PIL import Image
 
 import cldit
-from cldit.cli import main
 from cldit.cli.console import ProgressBar
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
+from tests.command_line import command
 from tests.unit.cfd.seriescases import write_times
 
 TIMES = {"0": 0.0, "0.00004": 3e-5, "0.00008": 6e-5, "0.0001": -1.0}
@@ -25,9 +25,7 @@ SMALL = ("--pixels", "24", "--set", "transport.audit=false", "--set", "domain.le
 
 
 def run(*arguments: object, fails: bool = False) -> Result:
-    done = CliRunner().invoke(main, ["run", *map(str, arguments)], catch_exceptions=False)
-    assert done.exit_code == int(fails), done.output
-    return done
+    return command("run", *arguments, status=int(fails))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -46,8 +44,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def scene(case: Path) -> Path:
     path = case.parent / "jet.yaml"
-    command = ["import", str(case), "--time", "0.08ms", "--fit", str(path)]
-    assert CliRunner().invoke(main, command).exit_code == 0
+    command("import", case, "--time", "0.08ms", "--fit", path)
     return path
 
 
@@ -87,11 +84,9 @@ def test_a_series(made: Path) -> None:
 
 
 def test_show_names_the_film(made: Path, tmp_path: Path) -> None:
-    shown = CliRunner().invoke(main, ["show", str(made)])
-    assert shown.exit_code == 0 and shown.output.split()[-1].endswith("film.gif")
+    assert command("show", made).output.split()[-1].endswith("film.gif")
     (tmp_path / "series.yaml").touch()
-    without = CliRunner().invoke(main, ["show", str(tmp_path)])
-    assert without.exit_code == 1 and "has no film" in without.output
+    assert "has no film" in command("show", tmp_path, status=1).output
 
 
 def test_it_goes_on_where_it_was(scene: Path, made: Path, tmp_path: Path) -> None:
@@ -203,9 +198,7 @@ def test_a_run_of_a_case_shows_how_far_its_reading_is(
 
 def test_a_fit_does_not_overwrite(scene: Path, case: Path) -> None:
     before = scene.read_text()
-    done = CliRunner().invoke(main, ["import", str(case), "--fit", str(scene)])
-    assert done.exit_code == 1
-    assert "exists; --fit" in done.output
+    assert "exists; --fit" in command("import", case, "--fit", scene, status=1).output
     assert scene.read_text() == before
 
 

@@ -24,9 +24,9 @@ MASS = "viridis_r"
 CHANGE = "RdBu_r"
 """Of differences: white at zero."""
 
-_COLD_HUE = 2.0 / 3.0  # blue; hot is 0, red
 HUE = ListedColormap(
-    hsv_to_rgb([(_COLD_HUE * (1.0 - warm), 1.0, 1.0) for warm in np.linspace(0, 1, 256)]),
+    # from blue, hue 2/3, to red, 0
+    hsv_to_rgb([(2 / 3 * (1.0 - warm), 1.0, 1.0) for warm in np.linspace(0, 1, 256)]),
     name="hue",
 )
 """Of apparent temperature in the paper (Section 3), whose lightness is not monotone."""

@@ -148,23 +148,54 @@ def design_figure(
     return figure
 
 
+Lines = Sequence[tuple[Floats, str, str]]
+"""Values (N,), name in the legend, and format of matplotlib."""
+
+
 @styled
+def time_figure(
+    time: Floats,
+    unit: str,
+    panels: Sequence[tuple[str, bool, Lines]],
+    *,
+    title: str,
+    height_in: float,
+    columns: int = 1,
+) -> Figure:
+    """Figure of quantities against time (N,), a panel for each.
+
+    panels: label, True for an axis from 0, and lines; several lines have a legend, beside panels of
+    full width. In several columns, time begins at 0.
+    """
+    rows = len(panels) // columns
+    figure, grid = curves_of(
+        WIDTH_IN, height_in, title=title, rows=rows, columns=columns, sharex=True
+    )
+    for number, (axes, (label, from_zero, lines)) in enumerate(
+        zip(np.ravel(grid), panels, strict=True)
+    ):
+        for values, name, form in lines:
+            axes.plot(time, values, form, label=name)
+        finish(axes, unit if number >= (rows - 1) * columns else "", label)
+        axes.ticklabel_format(axis="y", useOffset=False)
+        axes.set(ylim=(0 if from_zero else None, None), xlim=(0 if columns > 1 else None, None))
+        if len(lines) > 1:
+            beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if columns == 1 else {}
+            axes.legend(**beside)
+    figure.align_ylabels()
+    return figure
+
+
 def life_figure(life: Life, *, title: str) -> Figure:
     """Figure of d^2, temperature, speed and mass of a droplet against time."""
-    figure, grid = curves_of(WIDTH_IN, 4.6, title=title, rows=2, columns=2, sharex=True)
     end = float(life.time_s[-1])
     scale, unit = next(((s, u) for s, u in ((1.0, "s"), (1e3, "ms")) if end * s >= 1), (1e6, "µs"))
-    panels = (
-        (life.diameter_m**2 * 1e12, "d² / µm²", True),
-        (life.temperature_K, "temperature / K", False),
-        (life.velocity_m_s, "velocity relative to the gas / (m/s)", False),
-        (life.mass_kg / life.mass_kg[0], "mass / first mass", True),
-    )
-    for axes, (column, label, from_zero) in zip(grid.flat, panels, strict=True):
-        axes.plot(life.time_s * scale, column, color="#1b6ca8")
-        finish(axes, f"time / {unit}" if axes in grid[1] else "", label)
-        axes.ticklabel_format(axis="y", useOffset=False)
-        axes.set_xlim(0, end * scale)
-        if from_zero:
-            axes.set_ylim(bottom=0)
-    return figure
+    mass = life.mass_kg / life.mass_kg[0]
+    panels = [
+        ("d² / µm²", True, [(life.diameter_m**2 * 1e12, "", "C0")]),
+        ("temperature / K", False, [(life.temperature_K, "", "C0")]),
+        ("velocity relative to the gas / (m/s)", False, [(life.velocity_m_s, "", "C0")]),
+        ("mass / first mass", True, [(mass, "", "C0")]),
+    ]
+    time, label = life.time_s * scale, f"time / {unit}"
+    return time_figure(time, label, panels, title=title, height_in=4.6, columns=2)

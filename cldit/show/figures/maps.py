@@ -15,6 +15,7 @@ from cldit.radiance.weights import Weights, compose
 from cldit.run.ensemble_statistics import Ensemble
 from cldit.scene import Scene
 from cldit.show.figures.colours import (
+    CHANGE,
     COUNTS,
     EMISSIVITY,
     ERROR,
@@ -26,7 +27,6 @@ from cldit.show.figures.colours import (
 )
 from cldit.show.figures.panels import GREY, ImageFrame, Panel, Window, panels_figure, window_around
 
-_VISIBLE = 0.05  # share of the light from which a panel is not just black
 Colours = str | Colormap
 """A colour map of matplotlib, or its name."""
 
@@ -182,27 +182,46 @@ def camera_figures(
     }
 
 
+def error_panel(
+    image: NDArray[np.floating],
+    title: str,
+    label: str,
+    *,
+    limits: tuple[float, float] | None = None,
+    decades: bool = False,
+    clear: NDArray[np.bool_] | None = None,
+) -> Panel:
+    """Panel of an error (H, W): colours from 0, or logarithmic for errors over `decades`."""
+    positive = image[np.isfinite(image) & (image > 0)].astype(np.float64)
+    decades = decades and bool(positive.size)
+    if limits is None:
+        limits = robust_limits(positive, cut=1.0) if decades else (0.0, robust_limits(image)[1])
+    return Panel(image, title, label, limits, ERROR, logarithmic=decades, clear=clear)
+
+
+def change_panel(
+    image: NDArray[np.floating], title: str, label: str, *, largest: float | None = None
+) -> Panel:
+    """Panel of changes (H, W): white at zero, but for changes of one sign without `largest`."""
+    low, high = robust_limits(image)
+    if largest is None and not low < 0.0 < high:
+        return Panel(image, title, label, (low, high), ERROR)
+    largest = max(-low, high) if largest is None else largest
+    return Panel(image, title, label, (-largest, largest), CHANGE)
+
+
 def errors_panels(maps: Maps) -> list[Panel]:
     """Panels of both standard errors (H, W); that of the temperature in logarithmic colours."""
-    error_K = maps.apparent_temperature_standard_error_K
-    positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
-    error = maps.emissivity_standard_error
     return [
-        Panel(
-            error_K,
+        error_panel(
+            maps.apparent_temperature_standard_error_K,
             "standard error of T_app",
             "standard error / K",
-            robust_limits(positive, cut=1.0) if positive.size else (0.0, 1.0),
-            ERROR,
-            logarithmic=bool(positive.size),
+            decades=True,
             clear=maps.reason == Reason.EMISSIVITY_TOO_LOW,
         ),
-        Panel(
-            error,
-            "standard error of emissivity",
-            "standard error",
-            (0.0, robust_limits(error)[1]),
-            ERROR,
+        error_panel(
+            maps.emissivity_standard_error, "standard error of emissivity", "standard error"
         ),
     ]
 
@@ -214,7 +233,7 @@ def injections_panels(ensemble: Ensemble) -> list[Panel]:
     limits = (0.0, robust_limits(deviation)[1])
     titles = ("standard deviation of one injection", "standard error of the mean light")
     return [
-        Panel(image, title, "T_app / K", limits, ERROR)
+        error_panel(image, title, "T_app / K", limits=limits)
         for image, title in zip((deviation, error), titles, strict=True)
     ]
 
@@ -228,11 +247,14 @@ def error_maps_panels(
         return float(np.nanmean(images[name]))
 
     largest = max((name for name in images if name != "total"), key=mean, default=None)
-    shown = {name: images[name] for name in ("total", largest) if name is not None}
-    titles = {name: f"source: {name}" for name in shown} | {"total": "all sources together"}
+    titles = {"total": "all sources together"}
+    if largest is not None:
+        titles[largest] = f"source: {largest}"
     limits = (0.0, robust_limits(images["total"])[1])
-    label = f"standard error{unit}"
-    return [Panel(shown[name], titles[name], label, limits, ERROR) for name in shown]
+    return [
+        error_panel(images[name], title, f"standard error{unit}", limits=limits)
+        for name, title in titles.items()
+    ]
 
 
 def shares_of_light(
@@ -272,6 +294,6 @@ def shares_of_light(
     panels = [
         Panel(images[name], f"share of {origin} in the signal", "share", (0.0, 1.0))
         for name, origin in (("vapour", "vapour"), ("liquid", "droplets"))
-        if np.nanmax(images[name], initial=0.0) > _VISIBLE
+        if np.nanmax(images[name], initial=0.0) > 0.05  # else the panel is black
     ]
     return panels, means

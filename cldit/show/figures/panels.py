@@ -9,6 +9,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,14 @@ GREY = (UNKNOWN, UNKNOWN, UNKNOWN)
 Window = tuple[float, float, float, float]
 """Left, right, bottom, top in mm."""
 
-# inches: labels of z and x, gap of columns, colour bar with gap and labels; lines of text
-_LEFT, _BOTTOM, _GAP, _EDGE = 0.52, 0.4, 0.14, 0.06
-_KEY_GAP, _KEY, _KEY_LABELS = 0.06, 0.1, 0.56
-_HEADING, _LINE, _LETTER = 0.28, 0.145, 0.24
-_HIGH = 7.6  # of all rows
-_WIDEST = 4.2  # of a single panel
-_CHARACTER = 0.068  # mean width in 8 points, with a reserve
+_IN = SimpleNamespace(  # inches
+    left=0.52, bottom=0.4, edge=0.06,  # labels of z and x, and the other edges
+    gap=0.14, key_gap=0.06, key=0.1, key_labels=0.56,  # between columns; colour bar and its labels
+    heading=0.28, letter=0.24,  # the title, and (a) before that of a panel
+    line=1.3 * 8 / 72, character=0.6 * 8 / 72,  # a line, and the mean width, of 8 points
+    high=7.6, widest=4.2,  # all rows, and a single panel
+)  # fmt: skip
+_STEPS = (1, 2, 5, 10)  # of ticks
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ def panels_figure(
                           path_effects=[withStroke(linewidth=2, foreground="white")])  # fmt: skip
         if not shared:
             x, at, wide, high = place
-            _key(figure.add_axes(layout.shares(x + wide + _KEY_GAP, at, _KEY, high)), [panel])
+            _key(figure.add_axes(layout.shares(x + wide + _IN.key_gap, at, _IN.key, high)), [panel])
     if shared:
         _key(figure.add_axes(layout.shares(*layout.shared_key)), panels)
     if legend:
@@ -187,32 +189,32 @@ class _Layout:
         self.windows = [panel.window or (0.0, 1.0, 0.0, 1.0) for panel in panels]
         self.columns = columns = 2 if count == 4 and columns > 1 else min(columns, count)
         rows = -(-count // columns)
-        beside = _KEY_GAP + _KEY + _KEY_LABELS
-        lost = _LEFT + _EDGE + (columns - 1) * _GAP + (1 if shared else columns) * beside
+        beside = _IN.key_gap + _IN.key + _IN.key_labels
+        lost = _IN.left + _IN.edge + (columns - 1) * _IN.gap + (1 if shared else columns) * beside
         self.aspects = [(edges[3] - edges[2]) / (edges[1] - edges[0]) for edges in self.windows]
         in_row = [slice(row * columns, (row + 1) * columns) for row in range(rows)]
         self.tall = [max(self.aspects[of_row]) for of_row in in_row]
-        self.wide = wide = min((WIDTH_IN - lost) / columns, _WIDEST, _HIGH / sum(self.tall))
-        self.letter = _LETTER if count > 1 else 0.0
+        self.wide = wide = min((WIDTH_IN - lost) / columns, _IN.widest, _IN.high / sum(self.tall))
+        self.letter = _IN.letter if count > 1 else 0.0
         self.titles = [_wrapped(plain(panel.title), wide - self.letter) for panel in panels]
-        above = 0.05 + _LINE * max(name.count("\n") + 1 if name else 0 for name in self.titles)
+        above = 0.05 + _IN.line * max(name.count("\n") + 1 if name else 0 for name in self.titles)
         self.width = width = max(lost + columns * wide, 0.5 * WIDTH_IN)
         self.lines = [_wrapped(plain(meaning), width - 0.6) for meaning in meanings]
-        self.side_by_side = sum(0.5 + _CHARACTER * len(meaning) for meaning in meanings) < width
+        self.side_by_side = sum(0.5 + _IN.character * len(meaning) for meaning in meanings) < width
         high_lines = 1 if self.side_by_side else sum(line.count("\n") + 1 for line in self.lines)
         self.labelled = [
             number + columns >= count or self.windows[number + columns] != self.windows[number]
             for number in range(count)
         ]
         self.heading = _wrapped(plain(title), width - 0.4)
-        self.head = at = _HEADING + _LINE * self.heading.count("\n") if title else 0.0
+        self.head = at = _IN.heading + _IN.line * self.heading.count("\n") if title else 0.0
         self.tops: list[float] = []  # of the rows
         for high, of_row in zip(self.tall, in_row, strict=True):
             self.tops.append(at + above)
-            at = self.tops[-1] + high * wide + (_BOTTOM if any(self.labelled[of_row]) else 0.06)
-        self.height = at + (_LINE * high_lines + 0.06 if meanings else 0.0)
-        self._start = 0.5 * (width - lost - columns * wide) + _LEFT
-        self._step = wide + _GAP + (0.0 if shared else beside)
+            at = self.tops[-1] + high * wide + (_IN.bottom if any(self.labelled[of_row]) else 0.06)
+        self.height = at + (_IN.line * high_lines + 0.06 if meanings else 0.0)
+        self._start = 0.5 * (width - lost - columns * wide) + _IN.left
+        self._step = wide + _IN.gap + (0.0 if shared else beside)
 
     def place(self, number: int) -> tuple[float, float, float, float]:
         """Left, top, width and height of the panel `number`."""
@@ -224,8 +226,8 @@ class _Layout:
     def shared_key(self) -> tuple[float, float, float, float]:
         """Left, top, width and height of one colour bar beside the first two rows."""
         row = min(len(self.tops), 2) - 1
-        x = self._start + self.columns * self.wide + (self.columns - 1) * _GAP + _KEY_GAP
-        return x, self.tops[0], _KEY, self.tops[row] + self.tall[row] * self.wide - self.tops[0]
+        x = self._start + self.columns * self.wide + (self.columns - 1) * _IN.gap + _IN.key_gap
+        return x, self.tops[0], _IN.key, self.tops[row] + self.tall[row] * self.wide - self.tops[0]
 
     def shares(
         self, x: float, top: float, wide: float, high: float
@@ -260,7 +262,11 @@ def _inside(start: float, end: float) -> slice:
 
 
 def _wrapped(label: str, width_in: float) -> str:
-    return "\n".join(textwrap.wrap(label, max(8, int(width_in / _CHARACTER))))
+    """Lines of about the same length, as few as fit into the width: no last line of one word."""
+    widest = max(8, int(width_in / _IN.character))
+    lines = textwrap.wrap(label, widest)
+    even = (textwrap.wrap(label, width) for width in range(8, widest))
+    return "\n".join(next((split for split in even if len(split) == len(lines)), lines))
 
 
 def _norm(panel: Panel) -> Normalize:
@@ -300,7 +306,7 @@ def _label(axes: Axes, panel: Panel, *, leftmost: bool, lowest: bool) -> None:
     left, right, bottom, top = panel.window
     axes.set(xlim=(left, right), ylim=(bottom, top))
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        axis.set_major_locator(MaxNLocator(5, steps=_STEPS))
     axes.set_xticks([tick for tick in axes.get_xticks() if left <= tick <= right])
     for tick, label in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True):
         if tick in (left, right):  # beside the label of the next panel
@@ -332,7 +338,7 @@ def _key(axes: Axes, panels: Sequence[Panel]) -> None:
         return
     low, high = limits = panels[0].limits or (0.0, 1.0)
     panel, size = panels[0], max(abs(low), abs(high))
-    power = 0 if panel.logarithmic or 1e-3 <= size < 1e4 else math.floor(math.log10(size or 1.0))
+    power = 0 if panel.logarithmic or 1e-2 <= size < 1e4 else math.floor(math.log10(size or 1.0))
     unit = rf"$10^{{{power}}}$ {panel.label}" if power else panel.label
     bar = axes.figure.colorbar(
         ScalarMappable(_norm(panel), panel.colours),
@@ -345,6 +351,7 @@ def _key(axes: Axes, panels: Sequence[Panel]) -> None:
         bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         bar.ax.minorticks_off()
     else:
-        bar.ax.yaxis.set_major_locator(MaxNLocator(max(2, min(6, int(high_in / 0.3)))))
+        count = max(2, min(6, int(high_in / 0.3)))
+        bar.ax.yaxis.set_major_locator(MaxNLocator(count, steps=_STEPS))
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 10**power:.4g}"))
     bar.set_label(unit if power else _wrapped(unit, high_in))

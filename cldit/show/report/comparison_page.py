@@ -13,16 +13,16 @@ from cldit.comparison.difference import Difference
 from cldit.comparison.tested import RegionDifference
 from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
-from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
+from cldit.show.figures.colours import TEMPERATURE, robust_limits
+from cldit.show.figures.maps import change_panel
 from cldit.show.figures.onto import draw_profile
-from cldit.show.figures.panels import ImageFrame, Panel, panels_figure, window_around
+from cldit.show.figures.panels import GREY, ImageFrame, Panel, panels_figure, window_around
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled, write_figure
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE, REGIONS, PROFILES = "report.html", "regions.csv", "profiles.csv"
 _FROM = {"axis": "injector's tip", "across": "axis"}
 _LABELS = ("apparent temperature / K", "change / K", "emissivity", "change")
-_RESIDUAL = 4.0  # standard errors at the ends of the colours
 
 
 def comparison_figure(difference: Difference) -> Drawing:
@@ -42,24 +42,13 @@ def comparison_figure(difference: Difference) -> Drawing:
         for image, name in zip(warm, _ends_apart(base.name, changed.name), strict=True)
     ]
     panels += [
-        Panel(
-            change,
-            "difference",
-            f"change of {label}",
-            limits=(-top, top),
-            colours=CHANGE,
-        ),
-        Panel(
-            difference.residuals,
-            "residual",
-            "standard errors",
-            limits=(-_RESIDUAL, _RESIDUAL),
-            colours=CHANGE,
-        ),
+        change_panel(change, "difference", f"change of {label}", largest=top),
+        change_panel(difference.residuals, "residual", "standard errors", largest=4.0),
     ]
     window = window_around(np.where(visible, base.maps.emissivity, 0.0), frame)
     title = "{1} minus {0}".format(*_ends_apart(base.name, changed.name))
-    return panels_figure(panels, frame, title=title, window=window)
+    legend = [(GREY, f"no {label.partition(' /')[0]}, or not compared")]
+    return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
 
 @styled

@@ -4,31 +4,36 @@ All of it is read from the folder of the maps, so the page can be made later, of
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cldit.dit.budget import PARTS, part_file
-from cldit.dit.maps import Maps
+from cldit.dit.maps import Maps, Reason
 from cldit.errors import RunFolderError
 from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
-from cldit.show.figures.colours import ERROR
-from cldit.show.figures.maps import errors_panels, map_figure, spray_figure
-from cldit.show.figures.panels import ImageFrame, Panel
+from cldit.show.figures.maps import (
+    change_panel,
+    error_panel,
+    errors_panels,
+    map_figure,
+    spray_figure,
+)
+from cldit.show.figures.panels import ImageFrame
 from cldit.show.figures.style import SCREEN_DPI
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE = "report.html"
 STORED = "evaluation.json"
-_SEEN_K = 1e-6  # smaller changes are rounding: the part cancels in the equation
 _IMPROBABLE = "{:.2g} % of the pixels have a fit_probability below 0.001; chance gives 0.1 %."
 _TOTALS = {
-    "apparent_temperature_systematic_error_K": ("systematic error of apparent temperature", "K"),
-    "apparent_temperature_total_error_K": ("total error of apparent temperature", "K"),
-    "emissivity_systematic_error": ("systematic error of emissivity", ""),
-    "emissivity_total_error": ("total error of emissivity", ""),
+    "apparent_temperature_systematic_error_K": "systematic error of T_app",
+    "apparent_temperature_total_error_K": "total error of T_app",
+    "emissivity_systematic_error": "systematic error of emissivity",
+    "emissivity_total_error": "total error of emissivity",
 }
 
 
@@ -134,23 +139,27 @@ def _budget(parts: Mapping[str, Any]) -> Table:
 
 def _error_figures(names: Sequence[str], maps: Path, frame: ImageFrame, title: str) -> list[Figure]:
     """Systematic and total errors; and the change of T_app by each part alone."""
+    shown = Maps.load(maps)
+    thin = shown.reason == Reason.EMISSIVITY_TOO_LOW
     totals = [
-        Panel(read_image(path)[0], label, f"error / {unit}" if unit else "error", colours=ERROR)
-        for name, (label, unit) in _TOTALS.items()
+        error_panel(read_image(path)[0], title, "error / K", decades="total" in title, clear=thin)
+        if name.endswith("_K")
+        else error_panel(read_image(path)[0], title, "error")
+        for name, title in _TOTALS.items()
         if (path := maps / f"{name}.tif").is_file()
     ]
     single = [
-        Panel(image, name, "change / K", colours=ERROR)
+        replace(change_panel(image, name.replace(" um", " µm"), "change / K"), clear=thin)
         for name in names
         if (path := maps / f"{part_file(name, 'K')}.tif").is_file()
-        and np.nanmax(np.abs(image := read_image(path)[0]), initial=0.0) > _SEEN_K
+        and np.nanmax(np.abs(image := read_image(path)[0]), initial=0.0)
+        > 1e-6  # else rounding: it cancels
     ]
     drawn = [
         (totals, "budget", f"Root of the sum of the squares of all parts, and with the statistical "
          f"error. A map of each part is in {maps.name}/{PARTS}."),
         (single, "T_app by cause", "Change of the apparent temperature by each cause alone."),
     ]  # fmt: skip
-    shown = Maps.load(maps)
     return [
         Figure.of(spray_figure(panels, shown, frame, title=f"{title}: {subject}"), caption,
                   dpi=SCREEN_DPI)

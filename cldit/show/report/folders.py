@@ -1,9 +1,9 @@
 """Figures and pages of folders, from what they contain: a run, a series, evaluated shots."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from cldit.acquisition.measured import Measured, open_recorded
+from cldit.acquisition.plan import Group
 from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
@@ -27,22 +27,33 @@ def write_pages(folder: str | Path) -> tuple[Path, ...]:
     recorded = open_recorded(folder)
     frame = ImageFrame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
     return tuple(
-        write_evaluation_page(
-            place, frame, title=f"{recorded.folder.resolve().name}: acquired{when}"
-        )
-        for place, when in _evaluated(recorded)
+        write_evaluation_page(maps, frame, title=_title(recorded, words))
+        for maps, _, words in evaluated_maps(recorded)
     )
 
 
-def _evaluated(recorded: Acquisition | Measured) -> Iterator[tuple[Path, str]]:
-    """Folders of maps, and ` at 0.95 ms` for each of several filters and delays."""
-    if not isinstance(recorded, Acquisition) or len(recorded.plan.groups) < 2:
-        yield recorded.folder / "maps", ""
-        return
-    for group in recorded.plan.groups:
-        place = maps_of_group(recorded.folder, recorded.plan, group)
-        if place.is_dir():
-            yield place, f" at {', '.join(recorded.plan.words(group))}"
+def evaluated_maps(
+    recorded: Acquisition | Measured,
+) -> list[tuple[Path, Group | None, tuple[str, ...]]]:
+    """Folders of the evaluated maps, each with its filter and delay, and words for these if there
+    are several. Raises RunFolderError if nothing is evaluated yet."""
+    places: list[tuple[Path, Group | None, tuple[str, ...]]] = [
+        (recorded.folder / "maps", None, ())
+    ]
+    if isinstance(recorded, Acquisition):
+        folder, plan = recorded.folder, recorded.plan
+        places = [(maps_of_group(folder, plan, g), g, plan.words(g)) for g in plan.groups]
+    evaluated = [place for place in places if place[0].is_dir()]
+    if not evaluated:
+        raise RunFolderError(
+            f"{recorded.folder}: is not evaluated yet; run `cldit evaluate {recorded.folder}` first"
+        )
+    return evaluated
+
+
+def _title(recorded: Acquisition | Measured, words: tuple[str, ...]) -> str:
+    when = f" at {', '.join(words)}" if words else ""
+    return f"{recorded.folder.resolve().name}: acquired{when}"
 
 
 def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
@@ -63,15 +74,11 @@ def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
         write_figures(open_run(place), suffix=suffix)
         return place / "pictures" / f"maps{suffix}"
     recorded = open_recorded(place)
-    if not (recorded.folder / "maps").is_dir():
-        raise RunFolderError(
-            f"{recorded.folder}: is not evaluated yet; run `cldit evaluate {recorded.folder}` first"
-        )
     frame = ImageFrame(pixel_m=recorded.pixel_m, centre_m=recorded.centre_m)
     drawn: list[Path] = []
-    for maps, when in _evaluated(recorded):
-        title = f"{recorded.folder.resolve().name}: acquired{when}"
+    for maps, _, words in evaluated_maps(recorded):
         # one delay: beside the folder of its maps, as before there were several
-        path = (maps if when else recorded.folder) / f"maps{suffix}"
-        drawn.append(write_figure(map_figure(Maps.load(maps), frame, title=title), path))
+        path = (maps if words else recorded.folder) / f"maps{suffix}"
+        figure = map_figure(Maps.load(maps), frame, title=_title(recorded, words))
+        drawn.append(write_figure(figure, path))
     return drawn[0]

@@ -22,7 +22,6 @@ from cldit.show.page import Block, Figure, Html, Page
 _SATURATED = "#00c8ff"  # a colour that the map does not have
 _BINS = 96
 _POINTS = round(WIDTH_IN * SCREEN_DPI)  # of a curve: the figure has no more columns
-_CUT = 10.0  # tolerances at which the distance from the set point is cut
 _LATE_s = 20  # age from which the page itself says that it is old
 _REFRESH_s = 2
 _STYLE = """<style>
@@ -199,7 +198,7 @@ def _draw_readings(
     setpoints = [reading.setpoint_K for reading in session]
     trend.step(minutes, setpoints, where="post", color="C1", ls="--", label="set point")
     away_K = np.array([reading.reading_K - reading.setpoint_K for reading in present])
-    most_K = _CUT * tolerance_K
+    most_K = 10.0 * tolerance_K  # farther away, the approach hides how it settles
     close.axhspan(-tolerance_K, tolerance_K, color="#cfe8cf", lw=0, label="tolerance")
     times_min = [reading.time_s / 60.0 for reading in present]
     close.plot(times_min, np.clip(away_K, -most_K, most_K), color="C0")

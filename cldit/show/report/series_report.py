@@ -15,18 +15,11 @@ from cldit.run.series import SeriesTime
 from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
 from cldit.show.figures.colours import Scale
+from cldit.show.figures.curves import time_figure
 from cldit.show.figures.film import write_film
 from cldit.show.figures.maps import frame_of, map_figure, spray_window
 from cldit.show.figures.panels import ImageFrame, Window, joined
-from cldit.show.figures.style import (
-    SCREEN_DPI,
-    WIDTH_IN,
-    curves_of,
-    finish,
-    png_of,
-    styled,
-    write_figure,
-)
+from cldit.show.figures.style import SCREEN_DPI, png_of, write_figure
 
 # Notes of a spray that become columns.
 FIGURES = (
@@ -127,15 +120,12 @@ def _frame(scene: Scene, time: SeriesTime) -> ImageFrame:
     return frame_of(scene, sensor=_acquired(time))
 
 
-@styled
 def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figure:
     """Figure of penetrations, masses, droplet size and apparent temperature over time.
 
     Times that failed are gaps.
     """
     evaluated = [time for time in times if time.state != "failed"]
-    at = np.array([time.time for time in evaluated]) * (1e3 if plan.in_seconds else 1.0)
-    figure, (reach, mass, size, warm) = curves_of(WIDTH_IN, 7.5, title=title, rows=4, sharex=True)
 
     def values(name: str, factor: float) -> Floats:
         none = 0.0 if name.endswith("mass_kg") else np.nan
@@ -146,26 +136,24 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figu
             ]
         )
 
-    for percent, style in ((90, ":"), (95, "-"), (99, "--")):
-        label = f"liquid, {percent} % of the mass"
-        reach.plot(at, values(f"liquid_penetration_{percent}_m", 1e3), f"C0{style}o", label=label)
-    reach.plot(at, values("vapour_penetration_m", 1e3), "C1-s", label="vapour, farthest 0.1 %")
-    mass.plot(at, values("liquid_mass_kg", 1e6), "C0-o", label="liquid")
-    mass.plot(at, values("vapour_mass_kg", 1e6), "C1-s", label="vapour")
-    size.plot(at, values("sauter_mean_diameter_m", 1e6), "C0-o")
+    penetrations = [
+        (values(f"liquid_penetration_{percent}_m", 1e3), f"liquid, {percent} % of the mass", style)
+        for percent, style in ((90, "C0:o"), (95, "C0-o"), (99, "C0--o"))
+    ]
+    vapour = (values("vapour_penetration_m", 1e3), "vapour, farthest 0.1 %", "C1-s")
+    masses = [
+        (values("liquid_mass_kg", 1e6), "liquid", "C0-o"),
+        (values("vapour_mass_kg", 1e6), "vapour", "C1-s"),
+    ]
     median = [np.nan if time.dit is None else time.dit.apparent_temperature_K for time in evaluated]
-    warm.plot(at, median, "C3-o")
-    for axes, label in (
-        (reach, "penetration / mm"),
-        (mass, "mass / mg"),
-        (size, "Sauter mean diameter / µm"),
-        (warm, "apparent temperature / K,\nmedian over the pixels"),
-    ):
-        finish(axes, "", label)
-        if len(axes.get_lines()) > 1:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    reach.set_ylim(bottom=0.0)
-    mass.set_ylim(bottom=0.0)
-    figure.align_ylabels()
-    warm.set_xlabel("time / ms" if plan.in_seconds else "time / the case's own unit")
-    return figure
+    warm = "apparent temperature / K,\nmedian over the pixels"
+    size = values("sauter_mean_diameter_m", 1e6)
+    panels = [
+        ("penetration / mm", True, [*penetrations, vapour]),
+        ("mass / mg", True, masses),
+        ("Sauter mean diameter / µm", False, [(size, "", "C0-o")]),
+        (warm, False, [(np.array(median), "", "C3-o")]),
+    ]
+    at = np.array([time.time for time in evaluated]) * (1e3 if plan.in_seconds else 1.0)
+    label = "time / ms" if plan.in_seconds else "time / the case's own unit"
+    return time_figure(at, label, panels, title=title, height_in=7.5)

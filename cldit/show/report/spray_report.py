@@ -1,7 +1,6 @@
 """Figures of a spray: from the side, from below, and against time."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Literal
 
@@ -14,8 +13,9 @@ from cldit.constants import AVOGADRO_PER_MOL
 from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import MASS
+from cldit.show.figures.curves import time_figure
 from cldit.show.figures.panels import ImageFrame, Panel, panels_figure
-from cldit.show.figures.style import WIDTH_IN, curves_of, finish, styled, write_figure
+from cldit.show.figures.style import write_figure
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
@@ -23,23 +23,9 @@ from cldit.spray.vtk_export import write_vtk
 
 View = Literal["side", "below"]
 
-_DECADES = 3.0  # of the colours
-_PIXEL_M = 5e-4  # of the figure
-_SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
 _AXES = {"side": (0, 2), "below": (0, 1)}
 _NAMES = "xyz"
 _NOTHING = np.empty((0, 3)), np.empty(0)  # places and masses
-
-
-@dataclass(frozen=True)
-class Projection:
-    """Mass per area, kg/m2 (H, W), row 0 at the lowest coordinate.
-
-    edges_m: left, right, bottom, top.
-    """
-
-    image: Floats
-    edges_m: tuple[float, float, float, float]
 
 
 def extent(spray: Spray) -> tuple[Floats, Floats]:
@@ -54,14 +40,15 @@ def extent(spray: Spray) -> tuple[Floats, Floats]:
     return corners_m.min(axis=0) - 2e-3, corners_m.max(axis=0) + 2e-3
 
 
-def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Mass of the droplets along the line of sight (from below: the paper's Fig. 5).
-
-    The sum over the pixels is exact.
-    """
+def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> tuple[Floats, ImageFrame]:
+    """Mass of the droplets along the line of sight (from below: the paper's Fig. 5), kg/m2 (H, W),
+    and its place. The sum over the pixels is exact."""
     points, smoothing = _NOTHING, 0.0
     if (parcels := spray.parcels) is not None:
-        points, smoothing = (parcels.position_m, parcels.masses_kg), _SMOOTHING
+        points, smoothing = (
+            (parcels.position_m, parcels.masses_kg),
+            1.0,
+        )  # pixel: parcels are points
         if isinstance(parcels.extent, Box):
             half = parcels.extent.edge_m / 2
             corners = parcels.position_m - half, parcels.position_m + half
@@ -69,8 +56,8 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
     return _project(*points, extent(spray), view, pixel_m, smoothing)
 
 
-def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Mass of the fuel vapour along the line of sight."""
+def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> tuple[Floats, ImageFrame]:
+    """Mass of the fuel vapour along the line of sight, kg/m2 (H, W), and its place."""
     points = _NOTHING
     if (vapour := spray.vapour) is not None:
         mass = vapour.number_density_m3 * vapour.cells.volume_m3
@@ -104,43 +91,38 @@ def _project(
     view: View,
     pixel_m: float,
     smoothing: float,
-) -> Projection:
-    right_axis, up_axis = _AXES[view]
+) -> tuple[Floats, ImageFrame]:
+    axes = _AXES[view]
     edges = [
         np.arange(np.floor(bounds[0][a] / pixel_m), np.ceil(bounds[1][a] / pixel_m) + 1) * pixel_m
-        for a in (right_axis, up_axis)
+        for a in axes
     ]
-    image = np.histogram2d(place[:, right_axis], place[:, up_axis], bins=edges, weights=mass)[0].T
+    right, up = axes
+    image = np.histogram2d(place[:, right], place[:, up], bins=edges, weights=mass)[0].T[::-1]
     if smoothing:
         image = gaussian_filter(image, smoothing, mode="constant")
-    corners = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
-    return Projection(np.asarray(image) / pixel_m**2, corners)
+    x, y = (0.5 * (along[0] + along[-1]) for along in edges)
+    frame = ImageFrame((pixel_m, pixel_m), (x, y), axes=(_NAMES[right], _NAMES[up]))
+    return np.asarray(image) / pixel_m**2, frame
 
 
-def views_figure(spray: Spray, *, title: str) -> Figure:
-    """Figure of droplets and vapour from the side and from below."""
+def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
+    """Figure of droplets and vapour from the side and from below, with pixels of `pixel_m`."""
     views: tuple[View, View] = ("side", "below")
     kinds = {"droplets": liquid_mass, "vapour": vapour_mass}
     panels = [
-        _mass_panel(of(spray, view, pixel_m=_PIXEL_M), f"{name}, {view}", view)
+        _mass_panel(*of(spray, view, pixel_m=pixel_m), f"{name}, {view}")
         for view in views
         for name, of in kinds.items()
     ]
     return panels_figure(panels, title=title)
 
 
-def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
-    """Panel of mass per area, three decades below the largest; white below them."""
-    top = float(seen.image.max(initial=0.0))
-    low = top / 10**_DECADES
-    image = 1e3 * np.where(seen.image[::-1] >= low, seen.image[::-1], np.nan if top > 0 else 0.0)
-    left, right, bottom, upper = seen.edges_m
-    rows, columns = image.shape
-    frame = ImageFrame(
-        pixel_m=((right - left) / columns, (upper - bottom) / rows),
-        centre_m=(0.5 * (left + right), 0.5 * (bottom + upper)),
-        axes=(_NAMES[_AXES[view][0]], _NAMES[_AXES[view][1]]),
-    )
+def _mass_panel(mass: Floats, frame: ImageFrame, title: str) -> Panel:
+    """Panel of mass per area (H, W), three decades below the largest; white below them."""
+    top = float(mass.max(initial=0.0))
+    low = 1e-3 * top
+    image = 1e3 * np.where(mass >= low, mass, np.nan if top > 0 else 0.0)
     return Panel(
         image,
         title if top > 0 else f"{title}: none",
@@ -150,43 +132,29 @@ def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
         logarithmic=top > 0,
         clear=np.isnan(image),
         frame=frame,
-        window=frame.extent_mm(image.shape),
     )
 
 
-@styled
 def history_figure(history: History, *, title: str) -> Figure:
     """Figure of penetration, droplet size, masses and coldest gas against time."""
-    figure, grid = curves_of(WIDTH_IN, 4.8, title=title, rows=2, columns=2)
-    panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
-        (
-            "penetration / mm",
-            (
-                (1e3 * history.vapour_m, "vapour, along the plumes (0.001)"),
-                (1e3 * history.liquid_m, "liquid, axial (2e-3 mm³/mm²)"),
-                (1e3 * history.thin_liquid_m, "liquid, axial (0.2e-3 mm³/mm²)"),
-            ),
-        ),
-        ("Sauter mean diameter / µm", ((1e6 * history.sauter_mean_diameter_m, ""),)),
-        (
-            "mass / mg",
-            (
-                (1e6 * history.injected_kg, "injected"),
-                (1e6 * history.liquid_kg, "liquid"),
-                (1e6 * history.vapour_kg, "vapour"),
-            ),
-        ),
-        ("coldest gas / K", ((history.coldest_K, ""),)),
-    )
-    for axes, (label, lines) in zip(grid.flat, panels, strict=True):
-        for values, name in lines:
-            axes.plot(1e3 * history.time_s, values, label=name or None)
-        finish(axes, "time after start of injection / ms", label)
-        axes.set_xlim(left=0)
-        if len(lines) > 1:
-            axes.set_ylim(bottom=0)
-            axes.legend()
-    return figure
+    penetrations = [
+        (1e3 * history.vapour_m, "vapour, along the plumes (0.001)", ""),
+        (1e3 * history.liquid_m, "liquid, axial (2e-3 mm³/mm²)", ""),
+        (1e3 * history.thin_liquid_m, "liquid, axial (0.2e-3 mm³/mm²)", ""),
+    ]
+    masses = [
+        (1e6 * history.injected_kg, "injected", ""),
+        (1e6 * history.liquid_kg, "liquid", ""),
+        (1e6 * history.vapour_kg, "vapour", ""),
+    ]
+    panels = [
+        ("penetration / mm", True, penetrations),
+        ("Sauter mean diameter / µm", False, [(1e6 * history.sauter_mean_diameter_m, "", "")]),
+        ("mass / mg", True, masses),
+        ("coldest gas / K", False, [(history.coldest_K, "", "")]),
+    ]
+    time_ms, label = 1e3 * history.time_s, "time after start of injection / ms"
+    return time_figure(time_ms, label, panels, title=title, height_in=4.8, columns=2)
 
 
 def write_spray(

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.measured import Measured, is_measured, open_recorded
-from cldit.acquisition.record import Acquisition, maps_of_group
 from cldit.acquisition.storage import PLAN
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
@@ -16,6 +15,7 @@ from cldit.io.images import read_image
 from cldit.io.plain_data import read_mapping
 from cldit.optics.response import from_plain
 from cldit.run import open_run
+from cldit.show.report.folders import evaluated_maps
 from cldit.show.view.item import Item, place_of, planck_ends, planck_tables
 from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
 from cldit.show.view.traced import traced_item
@@ -98,11 +98,11 @@ def _measured_items(folder: Path) -> Iterator[Item]:
     if isinstance(opened, Measured):
         name = opened.name
     head: dict[str, Any] = {"kind": "measurement", "source": str(folder), "about": ""}
-    count = 0
-    for maps, time_s, words, calibration in _evaluated(opened):
-        if not maps.is_dir():
-            continue
-        count += 1
+    for maps, group, words in evaluated_maps(opened):
+        if isinstance(opened, Measured) or group is None:
+            calibration, time_s = opened.calibration, None
+        else:
+            calibration, time_s = opened.calibrations[group.filter], opened.plan.delays[group.delay]
         arrays, filter_um = _arrays(maps), from_plain(calibration["filter_um"])
         item_head = {
             **head,
@@ -112,21 +112,6 @@ def _measured_items(folder: Path) -> Iterator[Item]:
             **place_of(arrays["reason"].shape, opened.pixel_m, opened.centre_m),
         }
         yield Item(item_head, {**planck_tables(filter_um), **arrays})
-    if not count:
-        raise RunFolderError(f"{folder}: is not evaluated yet; run `cldit evaluate {folder}` first")
-
-
-def _evaluated(
-    opened: Acquisition | Measured,
-) -> Iterator[tuple[Path, float | None, tuple[str, ...], dict[str, Any]]]:
-    """Folders of maps, with delay, words for the title and calibration."""
-    if isinstance(opened, Measured):
-        yield opened.folder / "maps", None, (), opened.calibration
-        return
-    for group in opened.plan.groups:
-        maps = maps_of_group(opened.folder, opened.plan, group)
-        delay_s, words = opened.plan.delays[group.delay], opened.plan.words(group)
-        yield maps, delay_s, words, opened.calibrations[group.filter]
 
 
 def _arrays(folder: Path) -> dict[str, NDArray[Any]]:

@@ -9,16 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from cldit.api.repeat import inputs_that_changed, repeat
-from cldit.cli import main
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.images import read_image, write_image
 from cldit.io.origin import FileRead, Origin
 from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene
+from tests.command_line import command
 from tests.digests import without_digests
 
 
@@ -28,10 +27,6 @@ def run(
 ) -> Run:
     folder = tmp_path_factory.mktemp("repeated") / "run"
     return simulate(tiny_scene, folder, device=device, cache=tables)
-
-
-def command(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def test_the_record_says_how(run: Run) -> None:
@@ -48,7 +43,7 @@ def test_it_is_the_same_and_its_folder_stays_empty(run: Run, tmp_path: Path) -> 
     assert run.folder is not None
     done = command("compare", run.folder, "--repeat", "--json", "--out", tmp_path / "again")
     found = json.loads(done.stdout)
-    assert done.exit_code == 0 and found["within"] and found["trace"]["same"]
+    assert found["within"] and found["trace"]["same"]
     assert found["recorded"] is None and found["inputs"] == []
     with pytest.raises(RunFolderError, match="is not empty"):
         repeat(run.folder, out=tmp_path / "again")
@@ -61,8 +56,7 @@ def test_what_differs_is_told(run: Run, tmp_path: Path) -> None:
     path = copy / "maps" / "emissivity.tif"
     image = read_image(path)[0]
     write_image(path, (image + np.float32(0.1)).astype(np.float32), name="emissivity", unit="1")
-    done = command("compare", copy, "--repeat")
-    assert done.exit_code == 3, done.output
+    done = command("compare", copy, "--repeat", status=3)
     assert "no pixel has a T_app in both" in done.output
 
 
@@ -94,6 +88,6 @@ def test_inputs_are_named(run: Run, tmp_path: Path) -> None:
     assert first.startswith(f"{kept}: has changed (1 bytes of")
     assert second == f"{lost}: cannot be read (No such file or directory)"
     stale.save(tmp_path / "stale")
-    done = command("compare", tmp_path / "stale", "--repeat")
-    assert done.exit_code == 1 and str(lost) in done.stderr and "--changed-inputs" in done.stderr
-    assert command("repeat", tmp_path / "stale", "--changed-inputs").exit_code == 0  # its old name
+    done = command("compare", tmp_path / "stale", "--repeat", status=1)
+    assert str(lost) in done.stderr and "--changed-inputs" in done.stderr
+    command("repeat", tmp_path / "stale", "--changed-inputs")  # its old name

@@ -32,6 +32,7 @@ from cldit.cli.program import Exit, LazyGroup
 from cldit.errors import SceneError
 from cldit.spray.result import Parcels, Spray
 from cldit.spray.spray_file import write_spray
+from tests.command_line import command
 from tests.journals import read_journal
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
@@ -47,29 +48,20 @@ def cldit(*words: object, **environment: str) -> subprocess.CompletedProcess[str
     )
 
 
-@pytest.mark.parametrize("words", [["scenes"], ["devices"], ["compare", WRITTEN, WRITTEN]])
-def test_json_is_all_of_the_output(words: list[Any]) -> None:
-    done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
-    assert done.exit_code == 0
-    data = json.loads(done.stdout)
-    assert data and done.stderr  # what people read is beside it
+def found(*words: object) -> Any:
+    """The JSON that is all of the output; what people read is beside it."""
+    done = command(*words, "--json")
+    assert done.stderr
+    return json.loads(done.stdout)
 
 
 def test_json_of_scenes_and_devices() -> None:
-    runner = CliRunner()
-    scenes = json.loads(runner.invoke(main, ["scenes", "--json"]).stdout)
-    assert {"gdi", "empty"} <= {one["name"] for one in scenes}
-    scene = json.loads(runner.invoke(main, ["scenes", "--show", "gdi", "--json"]).stdout)
+    assert {"gdi", "empty"} <= {scene["name"] for scene in found("scenes")}
+    scene = found("scenes", "--show", "gdi")
     assert scene["name"] == "gdi" and "walls" in scene
-    devices = json.loads(runner.invoke(main, ["devices", "--json"]).stdout)
-    assert sum(one["used"] for one in devices["devices"]) == 1
+    devices = found("devices")
+    assert sum(device["used"] for device in devices["devices"]) == 1
     assert devices["drivers"]["dg645"]["kind"] == "trigger"
-
-
-def found(*words: object) -> Any:
-    done = CliRunner().invoke(main, [*map(str, words), "--json"], catch_exceptions=False)
-    assert done.exit_code == 0, done.stderr
-    return json.loads(done.stdout)
 
 
 @pytest.mark.usefixtures("without_pages")
@@ -94,9 +86,7 @@ def test_json_of_an_import(tmp_path: Path) -> None:
 
 
 def test_diff_is_compare_with_a_warning() -> None:
-    words = [str(WRITTEN), str(WRITTEN), "--json"]
-    old, new = (CliRunner().invoke(main, [name, *words]) for name in ("diff", "compare"))
-    assert old.exit_code == new.exit_code == 0
+    old, new = (command(name, WRITTEN, WRITTEN, "--json") for name in ("diff", "compare"))
     assert json.loads(old.stdout) == json.loads(new.stdout)
     assert "deprecated" in old.stderr and "deprecated" not in new.stderr
 
@@ -122,8 +112,7 @@ def test_commands_that_draw_take_one_format(name: str) -> None:
 @pytest.mark.usefixtures("without_pages")
 def test_an_evaluation_writes_its_figure_in_a_format(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(WRITTEN / "acquisition", tmp_path / "shots"))
-    done = CliRunner().invoke(main, ["evaluate", str(folder), "--format", "pdf"])
-    assert done.exit_code == 0 and str(folder / "maps.pdf") in done.output, done.output
+    assert str(folder / "maps.pdf") in command("evaluate", folder, "--format", "pdf").output
     assert (folder / "maps.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -136,11 +125,11 @@ def ending(what: Callable[[], Outcome]) -> Any:
     @click.command()
     @json_option
     @plain_errors
-    def command() -> Outcome:
+    def tried() -> Outcome:
         OUT.print("for people")
         return what()
 
-    return CliRunner().invoke(command, ["--json"])
+    return CliRunner().invoke(tried, ["--json"])
 
 
 def test_exit_status_of_results_errors_and_stops() -> None:
@@ -160,11 +149,10 @@ def test_exit_status_of_results_errors_and_stops() -> None:
 
 
 def test_exit_status_of_the_program() -> None:
-    runner = CliRunner()
-    assert runner.invoke(main, ["run", "nothing-like-it"]).exit_code == Exit.FAILED
-    assert runner.invoke(main, ["run", "--no-such-option"]).exit_code == Exit.USAGE
-    assert runner.invoke(main, ["compare", str(WRITTEN), str(WRITTEN)]).exit_code == Exit.DONE
-    shown = runner.invoke(main, ["--help"]).stdout
+    command("run", "nothing-like-it", status=Exit.FAILED)
+    command("run", "--no-such-option", status=Exit.USAGE)
+    command("compare", WRITTEN, WRITTEN, status=Exit.DONE)
+    shown = command("--help").stdout
     for code in Exit:
         assert f"  {code.value:<4d}{code.text}\n" in shown
 
@@ -276,9 +264,8 @@ def test_ctrl_c(tiny_rig: dict[str, Any], tmp_path: Path, monkeypatch: pytest.Mo
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(RecordingBar, "watch", press)
-    result = CliRunner().invoke(main, ["acquire", str(rig), str(plan), "--out", str(out)])
-    assert result.exit_code == Exit.STOPPED
-    assert "not complete; run the same command again" in result.stderr
+    done = command("acquire", rig, plan, "--out", out, status=Exit.STOPPED)
+    assert "not complete; run the same command again" in done.stderr
     assert [entry["event"] for entry in read_journal(out / JOURNAL)][-1] == "made safe"
 
 

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import Journal
 from cldit.acquisition.watch import Reading, Seen, Watch
-from cldit.cli import live, main
+from cldit.cli import live
 from cldit.cli.live import PAGE, PageWriter, write_pages
 from cldit.errors import DiskFull
 from cldit.rig.load import open_rig
 from cldit.show.report.live import LastShot, live_figure, live_page
+from tests.command_line import command
 from tests.patience import HANG_s, until
 
 
@@ -248,8 +248,7 @@ def test_any_image_can_be_shown(image: np.ndarray[Any, Any]) -> None:
 def test_acquire_live(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig))
     (tmp_path / "plan.yaml").write_text(tiny_plan.dump())
-    arguments = ["acquire", *(str(tmp_path / f"{n}.yaml") for n in ("rig", "plan")), "--live"]
-    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
-    assert result.exit_code == 0 and "10 of 10 shots" in result.output, result.output
-    assert "page: " in result.output
+    files = (tmp_path / "rig.yaml", tmp_path / "plan.yaml")
+    said = command("acquire", *files, "--live", "--out", tmp_path / "a").output
+    assert "10 of 10 shots" in said and "page: " in said
     assert "finished" in (tmp_path / "a" / "live.html").read_text(encoding="utf-8")

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import cldit
-from cldit.cli import main
 from cldit.cli.console import ERR, OUT, ProgressBar
 from cldit.prepare.stages import StageLine, Stages
+from tests.command_line import command
 
 _C = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 _SAY = (
@@ -87,9 +86,8 @@ _COARSE = ("--trace-only", "--pixels", "32", "--accuracy", "20", "--set", "domai
 
 
 def _run(folder: Path, *words: str) -> str:
-    done = CliRunner().invoke(main, ["run", "gdi-cone", *_COARSE, "--out", str(folder), *words])
-    assert done.exit_code == 0, done.output
-    return done.output.replace(str(folder), "RUN")
+    said = command("run", "gdi-cone", *_COARSE, "--out", folder, *words).output
+    return said.replace(str(folder), "RUN")
 
 
 def test_a_run_ends_with_its_result(tmp_path: Path) -> None:

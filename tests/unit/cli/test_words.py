@@ -135,6 +135,7 @@ def test_run_and_import_mean_the_same(tmp_path: Path, monkeypatch: pytest.Monkey
     def ran(scene: Scene, *_: Any, **__: Any) -> None:
         assert isinstance(scene.spray, CfdSpray)
         assert scene.transport.accuracy_K == 1.0  # not what the spray of gdi allows
+        assert scene.optics.preset == "spectral"
         taken["run"] = scene.spray
         raise Reached
 
@@ -143,7 +144,7 @@ def test_run_and_import_mean_the_same(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(run_module, "simulate", ran)
     for command, arguments in (
         (sprays.import_command, ["case"]),
-        (run_module.run, ["gdi", "--cfd", "case", "--trace-only"]),
+        (run_module.run, ["gdi", "--cfd", "case", "--trace-only", "--preset", "spectral"]),
     ):
         result = CliRunner().invoke(command, [*arguments, *ARGUMENTS])
         assert isinstance(result.exception, Reached), result.output

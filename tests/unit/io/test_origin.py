@@ -108,11 +108,11 @@ def test_record_of_a_file_that_was_read(tmp_path: Path) -> None:
     assert record.sha256 == hashlib.sha256(b"abc").hexdigest()
     assert record.modified.endswith("+00:00")
     assert FileRead.from_dict(record.to_dict()) == record
-    assert record.unchanged
+    assert not record.change
     file.write_bytes(b"abd")  # of the same size, and of the same second
-    assert not record.unchanged
+    assert record.change
     file.unlink()
-    assert not record.unchanged
+    assert record.change
     file.write_bytes(b"abc")
     with pytest.raises(OSError, match="none"):
         files_read([tmp_path / "none"])

@@ -11,10 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import cldit
-from cldit.cli import main
 from cldit.errors import ClditError, DeviceError
 from cldit.gpu import checks, compilation, kernel_source
 from cldit.gpu.checks import Check, failed_devices, store_check, stored_check
@@ -23,6 +21,7 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.run import device_check
 from cldit.run.device_check import check_device
 from cldit.study.sweep import _gpus
+from tests.command_line import command
 from tests.small_scenes import SCENE, TRANSPORT
 
 KERNELS = Path(cldit.__file__).parents[1] / "kernels"
@@ -290,12 +289,9 @@ def test_a_damaged_result_is_none(two: list[str], tmp_path: Path) -> None:
 
 
 def test_the_command_reports_a_fault(two: list[str]) -> None:
-    result = CliRunner().invoke(main, ["devices", "--check", "--device", "9:0"])
-    assert result.exit_code == 1
-    assert "9:0 Fast: float32 x: path.cl scatter: means is off by 3e-01" in result.output
-    listed = CliRunner().invoke(main, ["devices", "--json"])
-    assert listed.exit_code == 0
-    plain = json.loads(listed.stdout)
+    said = command("devices", "--check", "--device", "9:0", status=1).output
+    assert "9:0 Fast: float32 x: path.cl scatter: means is off by 3e-01" in said
+    plain = json.loads(command("devices", "--json").stdout)
     assert plain["reason"].endswith("failed their check: 9:0")
     assert [one["check"] and one["check"]["kernels"] for one in plain["devices"]] == [None, 45]
     assert two == ["Fast"]

@@ -10,13 +10,12 @@ from importlib import resources
 import jsonschema
 import pytest
 import yaml
-from click.testing import CliRunner
 from pydantic import BaseModel
 
-from cldit.cli import main
 from cldit.scene import dump_scene, load_scene, shipped_scenes
 from cldit.scene.checks import descriptions
 from tests.bench.scene_reference import FILES, UNLISTED, reference
+from tests.command_line import command
 
 
 def _sections(model: type[BaseModel]) -> set[type[BaseModel]]:
@@ -60,8 +59,7 @@ def test_page_holds_every_key_and_no_dead_link() -> None:
 
 @cache
 def _schema() -> dict[str, object]:
-    result = CliRunner().invoke(main, ["scenes", "--schema"])
-    schema = json.loads(result.output)
+    schema = json.loads(command("scenes", "--schema").output)
     assert isinstance(schema, dict)
     return schema
 

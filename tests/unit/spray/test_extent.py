@@ -70,9 +70,11 @@ def test_pictures_of_a_cone_do_not_show_its_lattice() -> None:
     spec = ConeSpray(spacing_m=1e-3, size_classes=2)
     spray = cone_spray(spec)
     assert spray.parcels is not None
-    seen = liquid_mass(spray, "side", pixel_m=0.55e-3)
-    assert seen.image.sum() * 0.55e-3**2 == pytest.approx(spray.parcels.mass_kg, rel=1e-9)
-    rows = seen.image.sum(axis=1)
+    seen, frame = liquid_mass(spray, "side", pixel_m=0.55e-3)
+    assert seen.sum() * 0.55e-3**2 == pytest.approx(spray.parcels.mass_kg, rel=1e-9)
+    assert frame.extent_mm(seen.shape)[3] > 0.0  # row 0 is at the top
+    assert frame.axes == ("x", "z") and seen[0].sum() < seen[len(seen) // 2].sum()
+    rows = seen.sum(axis=1)
     inside = rows[rows > 0.3 * rows.max()]
     assert np.abs(np.diff(inside)).max() < 0.4 * rows.max()
 

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from cldit.cli import main
 from cldit.gpu.device import Device
 from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.weights import Weights
@@ -23,6 +21,7 @@ from cldit.show.figures.readable import human, human_figures
 from cldit.show.figures.style import png_of
 from cldit.show.report.optics_summary import SceneOptics, scene_optics
 from cldit.show.report.run_report import write_run_report
+from tests.command_line import command
 
 RUN = Path(__file__).parents[3] / "data" / "run-0.1.0"
 
@@ -147,9 +146,7 @@ def test_scenes_with_less_data(change: dict[str, object], tables: Path) -> None:
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tables: Path) -> None:
     monkeypatch.setattr("cldit.cli.optics.default_cache", lambda: tables)
     picture = tmp_path / "new" / "gdi.png"
-    result = CliRunner().invoke(main, ["show", "gdi", "--part", "optics", "--out", str(picture)])
-    assert result.exit_code == 0
-    assert "k of the liquid" in result.output and "0.0483" in result.output
+    said = command("show", "gdi", "--part", "optics", "--out", picture).output
+    assert "k of the liquid" in said and "0.0483" in said
     assert picture.read_bytes().startswith(PNG)
-    result = CliRunner().invoke(main, ["show", "no-such-scene", "--part", "optics"])
-    assert result.exit_code == 1
+    command("show", "no-such-scene", "--part", "optics", status=1)

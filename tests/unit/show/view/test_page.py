@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from cldit.cli import main
 from cldit.errors import FileError, RunFolderError
 from cldit.run.result import save_run
 from cldit.scene.spray import ConeSpray
 from cldit.show.view import page_html, save_page, view_items
 from cldit.show.view.packing import MANTISSA_BITS, packed, rounded
 from cldit.show.view.traced import traced_item
+from tests.command_line import command
 from tests.viewed import made_run, scene_for
 
 OLD = Path(__file__).parents[3] / "data" / "run-0.1.0"
@@ -72,10 +71,8 @@ def test_a_series_is_sorted_by_the_time_of_its_sprays(tmp_path: Path) -> None:
     text = page_html(items)  # all have one name, so the time tells them apart
     assert all(f'"name": "made, {time}"' in text for time in ("0.5 ms", "1 ms", "1.5 ms"))
     (tmp_path / "c" / "run.json").unlink()
-    words = ["view", str(tmp_path), "--save", str(tmp_path / "page.html")]
-    done = CliRunner().invoke(main, words)
-    assert done.exit_code == 0
-    assert f"{tmp_path / 'c'}: is not finished; omitted" in done.output
+    said = command("view", tmp_path, "--save", tmp_path / "page.html").output
+    assert f"{tmp_path / 'c'}: is not finished; omitted" in said
     assert len(view_items([tmp_path])) == 2
 
 
@@ -99,11 +96,8 @@ def test_what_cannot_be_viewed_says_so(tmp_path: Path) -> None:
 def test_the_command_writes_into_the_run_or_where_it_is_told(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     save_run(made_run(scene_for()), folder)
-    done = CliRunner().invoke(main, ["view", str(folder), "--no-open"])
-    assert done.exit_code == 0 and (folder / "view.html").is_file()
-    assert done.output.strip() == str(folder / "view.html")
-    done = CliRunner().invoke(main, ["view", str(folder), "--save", str(tmp_path / "mail.html")])
-    assert done.exit_code == 0 and "MB)" in done.output
+    assert command("view", folder, "--no-open").output.strip() == str(folder / "view.html")
+    assert "MB)" in command("view", folder, "--save", tmp_path / "mail.html").output
     assert (tmp_path / "mail.html").read_bytes() == (folder / "view.html").read_bytes()
 
 
@@ -127,9 +121,9 @@ def test_a_folder_that_cannot_be_written_leaves_the_page_in_the_cache(
         return True
 
     monkeypatch.setattr("webbrowser.open", opens)
-    done = CliRunner().invoke(main, ["view", str(folder)])
+    done = command("view", folder)
     (page,) = (tmp_path / "cache").rglob("*.html")
-    assert done.exit_code == 0 and done.output.strip() == str(page)
+    assert done.output.strip() == str(page)
     assert opened == [page.as_uri()]
 
 
