@@ -13,7 +13,7 @@ from cldit.errors import StudyError
 from cldit.run import RunCache, default_cache
 from cldit.run.trusted import open_device
 from cldit.scene import load_scene
-from cldit.study.lab import QUICK, Lab
+from cldit.study.lab import Lab, reduced
 from cldit.study.page import AGREES, DISAGREES, StudyPage, write_overview, write_page
 from cldit.study.paper import STUDIES, run_study, studies_of
 from cldit.study.sweep import Progress as Swept
@@ -110,7 +110,7 @@ def _sweep(
 ) -> None:
     base = load_scene(name)
     if quick:
-        base = base.with_(**QUICK)
+        base = reduced(base)
     start = time.perf_counter()
     with ProgressBar() as bar:
 
