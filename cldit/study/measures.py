@@ -13,8 +13,8 @@ from cldit.run import Run
 from cldit.spray.result import Spray
 
 _PRESENT = 0.02  # smallest share of the light of a pixel that makes a phase visible in it
-# Largest share of droplets in what a ray loses and in what it emits, where it sees vapour only: with
-# as much light of walls, 0 to 570 K, vapour of 520 K changes by 0.6 K.
+# Largest share of droplets in what a ray loses and emits, where it sees vapour only: with as much
+# light of walls, 0 to 570 K, vapour of 520 K changes by 0.6 K.
 _ABSENT = 0.005
 _SOME = 20  # pixels of a mean, at least
 
