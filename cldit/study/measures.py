@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats, Image, Mask
 from cldit.comparison.regions import Spray2D
 from cldit.run import Run
+from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.spray.result import Spray
 
 _PRESENT = 0.02  # smallest share of the light of a pixel that makes a phase visible in it
@@ -17,6 +18,13 @@ _PRESENT = 0.02  # smallest share of the light of a pixel that makes a phase vis
 # light of walls, 0 to 570 K, vapour of 520 K changes by 0.6 K.
 _ABSENT = 0.005
 _SOME = 20  # pixels of a mean, at least
+
+
+def named(sizes: NukiyamaTanasawa | Monodisperse) -> str:
+    """Name of a droplet size distribution."""
+    if isinstance(sizes, Monodisperse):
+        return f"all {sizes.diameter_um:g} µm"
+    return f"m {sizes.m_um:g} µm, n {sizes.n:.3g}, p {sizes.p:g}"
 
 
 def spray_of(run: Run) -> Spray2D:

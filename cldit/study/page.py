@@ -99,7 +99,7 @@ class StudyPage:
     """Results of a study.
 
     about: its subject, one sentence. figure: of the paper. command: makes the page. text: one
-    paragraph. figures: by file name without suffix. table: rows of equal keys, with units in their
+    paragraph. figures: by name, each with its file. table: rows of equal keys, with units in their
     names; row_errors: standard errors of their numbers. seeds: of the sprays whose mean the numbers
     are. quick: reduced pixels and accuracy.
     """
@@ -132,27 +132,28 @@ class StudyPage:
         rest = f", {open_} undecided" if open_ else ""
         return f"{agreed} of {len(words)} statements agree{rest}."
 
-    def html(self) -> show.Page:
-        """Page as one file."""
+    def page(self, *, whole: bool = True) -> show.Page:
+        """The page; unless it is `whole`, as in docs, numbers and scenes are in other files."""
         scenes = [
             Section(name, [Code(dump_scene(scene))], level=3, folded=True)
             for name, scene in self.scenes.items()
         ]
-        note = f"`{self.command}`, cldit {version('cldit')}. {self._made()}"
+        numbers = "" if whole else f" (all numbers: `{self.name}.json`)"
         content: list[Block] = [
-            self.about,
-            Section("", [*self.figures.values(), self.text]),
+            f"{self.about} Made by `{self.command}`{numbers}. {self._made()}",
+            *self.figures.values(),
+            self.text,
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
-            Section("Numbers", [self._numbers()]),
-            Section("To repeat it", [note, *scenes]),
+            Section("Numbers", [self._numbers()] if whole else []),
+            Section("Scenes", scenes if whole else []),
         ]
         return show.Page(self.title, content)
 
     def _made(self) -> str:
-        """Commit, device, seeds and cost."""
+        """Commit or version, device, seeds and cost."""
         revision = commit()
         parts = [
-            f"commit {revision[:7] + revision[40:]}" if revision else "",
+            f"commit {revision[:7] + revision[40:]}" if revision else f"cldit {version('cldit')}",
             self.device,
             f"mean of seeds {', '.join(map(str, self.seeds))}" if self.seeds else "",
             f"errors by {'seeds, ' if self.seeds else ''}cells of twice the edge"
@@ -161,25 +162,6 @@ class StudyPage:
             f"{self.seconds:.0f} s" if self.seconds else "",
         ]
         return "; ".join(part for part in parts if part)
-
-    def markdown(self, *, tables: bool) -> show.Page:
-        """Page with figures as files beside it. Without `tables`, as in docs, numbers are in the
-        JSON."""
-        figures = [
-            Figure(figure.png, figure.caption, f"study-{self.name}-{name}.png")
-            for name, figure in self.figures.items()
-        ]
-        numbers = "" if tables else f" (all numbers: `{self.name}.json`)"
-        content: list[Block] = [
-            f"{self.about} Made by `{self.command}`{numbers}. {self._made()}",
-            *figures,
-            self.text,
-        ]
-        if self.verdicts:
-            content += [self.summary, self._verdicts()]
-        if tables:
-            content.append(self._numbers())
-        return show.Page(self.title, content)
 
     def _verdicts(self) -> Table:
         return Table(_VERDICTS, [
@@ -272,21 +254,20 @@ def write_page(
     With `markdown_only`, as for docs, only figures, .json and .md, without tables of numbers.
     suffix: .pdf or .svg, of one more file of each figure.
     """
-    path = folder / page.name
     try:
         make_folder(folder)
-        write_text(path.with_name(f"{page.name}.json"), page.json())
-        markdown = path.with_name(f"{page.name}.md")
-        written = show.write_page(page.markdown(tables=not markdown_only), markdown)
-        for name, figure in page.figures.items():
+        write_text(folder / f"{page.name}.json", page.json())
+        shown = page.page(whole=not markdown_only)
+        written = show.write_page(shown, folder / f"{page.name}.md")
+        for figure in page.figures.values():
             if suffix is not None and figure.drawn is not None:
-                write_figure(figure.drawn, folder / f"study-{page.name}-{name}{suffix}")
+                write_figure(figure.drawn, (folder / figure.file).with_suffix(suffix))
         if not markdown_only:
             make_folder(folder / "scenes")
             for name, scene in page.scenes.items():
                 write_text(folder / "scenes" / f"{page.name}-{name}.yaml", dump_scene(scene))
-            write_text(path.with_name(f"{page.name}.csv"), page.csv())
-            written = show.write_page(page.html(), path.with_name(f"{page.name}.html"))
+            write_text(folder / f"{page.name}.csv", page.csv())
+            written = show.write_page(shown, folder / f"{page.name}.html")
     except OSError as error:
         raise StudyError(f"{folder}: cannot be written ({error})") from error
     return written

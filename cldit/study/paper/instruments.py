@@ -20,7 +20,6 @@ from cldit.optics.liquid import liquid
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run
 from cldit.scene import Scene
-from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.colours import COUNTS, NEGATIVE
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.optics_figures import optics_figure
@@ -29,7 +28,7 @@ from cldit.show.report.optics_summary import FIG4, PAPER, scene_optics
 from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
 from cldit.study.lab import Lab, ambient, in_gas
-from cldit.study.measures import mean_K, root, spray_of, visible
+from cldit.study.measures import mean_K, named, root, spray_of, visible
 from cldit.study.page import SURE, Row
 from cldit.study.paper.results import Results
 
@@ -48,19 +47,14 @@ def optics(lab: Lab) -> Results:
     rows: list[Row] = []
     off: list[float] = []
     for row in FIG4:
-        sizes = row.sizes
-        if isinstance(sizes, Monodisperse):
-            name, means = "all of one size", [sizes.diameter_um] * 2
-        else:
-            name = f"m {sizes.m_um:g} µm, n {sizes.n:g}, p {sizes.p:g}"
-            means = [mean_diameter_m(sizes, *powers) * 1e6 for powers in ((1, 0), (3, 2))]
-        off += [abs(means[0] - row.d10_um), abs(means[1] - row.d32_um)]
+        d10_um, d32_um = (1e6 * mean_diameter_m(row.sizes, *powers) for powers in ((1, 0), (3, 2)))
+        off += [abs(d10_um - row.d10_um), abs(d32_um - row.d32_um)]
         rows.append(
             {
-                "distribution": name,
-                "D10 / µm": means[0],
+                "distribution": named(row.sizes),
+                "D10 / µm": d10_um,
                 "the paper's D10 / µm": row.d10_um,
-                "D32 / µm": means[1],
+                "D32 / µm": d32_um,
                 "the paper's D32 / µm": row.d32_um,
             }
         )

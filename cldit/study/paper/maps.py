@@ -241,7 +241,7 @@ def order(lab: Lab) -> Results:
         values={
             **by_duration,
             "orders": ", ".join(str(number) for number in _ORDERS),
-            "left": "; ".join(_remainder(case, changes, unlimited[case]) for case in cases),
+            "left": ", ".join(f"{changes[*case, number].rms():.2g}" for number in _ORDERS),
             "early_ratio": changes[_DURATIONS_MS[0], 0.3, 0].rms() / zero.rms(),
             "near_ratio": zero.rms(nozzle) / zero.rms(),
             "none_K": zero.mean(),
@@ -269,21 +269,6 @@ def _order_row(key: tuple[float, float, int], change: Change, all_orders: Run) -
         "RMS beyond / K": change.rms(_beyond(all_orders)),
         "within 1 K / %": _within_1_K(change),
     }
-
-
-def _remainder(
-    case: tuple[float, float], changes: Mapping[tuple[float, float, int], Change], all_orders: Run
-) -> str:
-    """RMS of what each order leaves, as text."""
-    open_ms, time_ms = case
-    single = changes[*case, 1]
-    return (
-        f"{', '.join(f'{changes[*case, number].rms():.2g}' for number in _ORDERS)} K at "
-        f"{time_ms:g} ms"
-        + ("" if open_ms == _DURATIONS_MS[0] else f" of an injection of {open_ms:g} ms")
-        + f" (order 1: {single.rms(root(all_orders)):.2g} K below the nozzle, "
-        f"{single.rms(_beyond(all_orders)):.2g} K beyond)"
-    )
 
 
 def _readings(by_order: Mapping[int, Run], none: Run, all_orders: Run) -> dict[str, float | str]:
