@@ -74,7 +74,6 @@ def methane(lab: Lab) -> Results:
     largest = max(float(row["largest emissivity"]) for row in rows)
     return Results(
         values={
-            "most": largest,
             "largest": largest,
             "beyond_80_mm": float(np.nanmax(emissivity)) if emissivity.size else _NAN,
             "opening_ms": _OPENING_MS,
