@@ -291,4 +291,5 @@ def _exposure(raw: NDArray[np.uint16], traced: NDArray[np.float64], scene: Scene
         Panel(traced, "traced", label, (low, high), COUNTS, frame=frame_of(scene)),
     ]
     window = sensor.extent_mm(raw.shape)
-    return panels_figure(panels, title="camera", window=window, shared=True)
+    title = f"signal in front of a background of {_BACKGROUND_K:g} K"
+    return panels_figure(panels, title=title, window=window, shared=True)
