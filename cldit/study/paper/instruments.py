@@ -32,7 +32,7 @@ from cldit.study.measures import mean_K, named, root, spray_of, visible
 from cldit.study.page import SURE, Row
 from cldit.study.paper.results import Results
 
-_LARGE_M = 0.49e-3
+_LARGE_M = 0.49e-3  # shortly before the end of the tables of droplets
 
 
 def optics(lab: Lab) -> Results:
@@ -85,7 +85,7 @@ _AZIMUTHS_DEG = 22.5 + 45.0 * np.arange(8)
 _INCLINATIONS_DEG = np.round(33.0 + 8.0 * np.cos(np.radians(_AZIMUTHS_DEG)), 1)
 _UNEQUAL = "0.6 MPa, 570 K, unequal holes"
 _WITHIN = 0.97  # of the light, or of the liquid's mass
-_SIDE_M = 0.2  # of the enclosure, one side of which is the lamp
+_SIDE_M = 0.2  # of the enclosure (the paper's cube), one side of which is the lamp
 # Green light, which n-heptane does not absorb (n at 20 C), seen without perspective.
 _LIGHT: dict[str, Any] = {
     "optics.wavelength_um": 0.55,
@@ -220,7 +220,7 @@ def _light_sheet(seen: Mapping[str, tuple[Floats, Frame]]) -> Figure:
     )
 
 
-_BACKGROUND_K = 443.0
+_BACKGROUND_K = 443.0  # paper, Fig. 6
 _CAMERA = {
     "spray.time_s": 0.3e-3,
     **in_gas(0.4)[1],
@@ -230,7 +230,7 @@ _CAMERA = {
     "camera.sensor.pixels": [640, 512],
     "camera.sensor.integration_time_s": 25e-6,
 }
-_OPAQUE = 0.3
+_OPAQUE = 0.3  # emissivity above that of the plumes' rim
 
 
 def _radiance(run: Run) -> NDArray[np.float64]:

@@ -189,8 +189,8 @@ def conditions(lab: Lab) -> Results:
     )
 
 
-_TIMES_MS = (0.3, 0.95, 1.5)
-_ORDERS = (0, 1, 2, 3)
+_TIMES_MS = (0.3, 0.95, 1.5)  # the paper's times: Figs. 6, 9 and 5
+_ORDERS = (0, 1, 2, 3)  # paper, Fig. 9: differences from the third
 # The paper does not give the duration: open to the end, and the ECN's Spray G, closed at 0.78 ms.
 _DURATIONS_MS = (1e3 * OPEN_s, 0.78)
 # Droplets that scatter straight ahead only absorb.
@@ -310,6 +310,7 @@ def _order_sheets(
     }
 
 
+# None, the laboratory's, the droplets' wet bulb (paper), the paper's 115 K below the gas, the gas's.
 _WALLS_K = (0.0, 300.0, 380.0, 455.0, 570.0)
 
 
