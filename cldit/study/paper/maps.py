@@ -310,7 +310,7 @@ def _order_sheets(
     }
 
 
-# None, the laboratory's, the droplets' wet bulb (paper), the paper's 115 K below the gas, the gas's.
+# None, the laboratory's, the droplets' wet bulb (paper), 115 K below the gas (paper), the gas's.
 _WALLS_K = (0.0, 300.0, 380.0, 455.0, 570.0)
 
 
