@@ -91,7 +91,7 @@ def _measured(value: float, error: float) -> str:
     if error == 0:
         return f"{value:.4g}"
     places = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{places}f} ± {error:.{places}f}"
+    return f"{value:z.{places}f} ± {error:.{places}f}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,20 +132,20 @@ class StudyPage:
         rest = f", {open_} undecided" if open_ else ""
         return f"{agreed} of {len(words)} statements agree{rest}."
 
-    def page(self, *, whole: bool = True) -> show.Page:
-        """The page; unless it is `whole`, as in docs, numbers and scenes are in other files."""
+    def page(self, *, with_tables: bool = True) -> show.Page:
+        """The page; without `with_tables`, as in docs, numbers and scenes are in other files."""
         scenes = [
             Section(name, [Code(dump_scene(scene))], level=3, folded=True)
             for name, scene in self.scenes.items()
         ]
-        numbers = "" if whole else f" (all numbers: `{self.name}.json`)"
+        numbers = "" if with_tables else f" (all numbers: `{self.name}.json`)"
         content: list[Block] = [
             f"{self.about} Made by `{self.command}`{numbers}. {self._made()}",
             *self.figures.values(),
             self.text,
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
-            Section("Numbers", [self._numbers()] if whole else []),
-            Section("Scenes", scenes if whole else []),
+            Section("Numbers", [self._numbers()] if with_tables else []),
+            Section("Scenes", scenes if with_tables else []),
         ]
         return show.Page(self.title, content)
 
@@ -257,7 +257,7 @@ def write_page(
     try:
         make_folder(folder)
         write_text(folder / f"{page.name}.json", page.json())
-        shown = page.page(whole=not markdown_only)
+        shown = page.page(with_tables=not markdown_only)
         written = show.write_page(shown, folder / f"{page.name}.md")
         for figure in page.figures.values():
             if suffix is not None and figure.drawn is not None:

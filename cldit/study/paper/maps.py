@@ -162,8 +162,8 @@ def conditions(lab: Lab) -> Results:
     contrast = [mean_K(run, root(run)) - mean_K(run, tips(run)) for run in wide.values()]
     deviations_K = [abs(mean_K(run, visible(run)) - 300.0) for run in wide.values()]
     noise = [float(row["median standard error / K"]) for row in rows[-2:]]
-    gas_K, around = GASES_K[0.6][0], rim(at[0.6])
-    seen_K = at[0.6].maps.apparent_temperature_K[around]
+    gas_K, halo = GASES_K[0.6][0], rim(at[0.6])
+    seen_K = at[0.6].maps.apparent_temperature_K[halo]
     return Results(
         values={
             "filter_K": deviations_K[0],
@@ -178,7 +178,7 @@ def conditions(lab: Lab) -> Results:
                 spray_of(at[higher_MPa]).reach_m / spray_of(at[lower_MPa]).reach_m
                 for lower_MPa, higher_MPa in pairwise(at)
             ),
-            "rim_change_K": mean_K(at[0.6], around) - gas_K,
+            "rim_change_K": mean_K(at[0.6], halo) - gas_K,
             "near": 100.0 * float(np.mean(np.abs(seen_K - gas_K) < 20.0)) if seen_K.size else _NAN,
         },
         table=rows,

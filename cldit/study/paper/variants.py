@@ -88,8 +88,8 @@ def sizes(lab: Lab) -> Results:
     for row in FIG4:
         values = {**_WALLS, "spray.droplets": row.sizes.model_dump()}
         runs[named(row.sizes)] = lab.run(lab.gdi(f"sizes-{len(runs)}" if runs else "gdi", values))
-    first, reference = next(iter(runs.items()))
-    cases = {name: run for name, run in runs.items() if name != first}
+    reference_name, reference = next(iter(runs.items()))
+    cases = {name: run for name, run in runs.items() if name != reference_name}
     chance = lab.run(lab.gdi("sizes-seed", {**_WALLS, "spray.seed": lab.seed + 1}))
     off = sorted(Change.of(run, reference).rms() for run in cases.values())
     chance_K = Change.of(chance, reference).rms()
@@ -107,7 +107,7 @@ def sizes(lab: Lab) -> Results:
             "tips_K": tips_change_K(list(cases.values())[1], reference),
         },
         table=change_rows(reference, all_cases),
-        sheets=change_sheets(reference, all_cases, reference_name=first, limit_K=20.0),
+        sheets=change_sheets(reference, all_cases, reference_name=reference_name, limit_K=20.0),
     )
 
 
