@@ -74,10 +74,11 @@ def study(
     for number, study_name in enumerate(names, start=1):
         since = f", {(time.perf_counter() - start) / 60:.0f} min so far" if number > 1 else ""
         OUT.print(f"study {study_name} ({number} of {len(names)}{since})")
+        began = time.perf_counter()
         page = run_study(study_name, lab)
         pages.append(page)
         path = write_page(page, folder, markdown_only=markdown, suffix=suffix)
-        OUT.print(f"{path}: {page.summary} ({page.seconds:.0f} s)")
+        OUT.print(f"{path}: {page.summary} ({time.perf_counter() - began:.0f} s)")
     overview = write_overview(folder, list(STUDIES), markdown_only=markdown)
     _print_verdicts(pages)
     print_files(overview)

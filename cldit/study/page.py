@@ -23,7 +23,7 @@ from cldit.show.page import Block, Code, Figure, Link, Section, Table
 Row = Mapping[str, float | str]
 
 _VERDICTS = ("the paper", "found", "agrees if", "")
-_OVERVIEW = ("study", "the paper's", "size", "took / s", "against the paper")
+_OVERVIEW = ("study", "the paper's", "size", "against the paper")
 
 
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "undecided"
@@ -116,7 +116,6 @@ class StudyPage:
     verdicts: tuple[Verdict, ...] = ()
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     quick: bool = False
-    seconds: float = 0.0
     seeds: tuple[int, ...] = ()
     device: str = ""
 
@@ -150,7 +149,7 @@ class StudyPage:
         return show.Page(self.title, content)
 
     def _made(self) -> str:
-        """Commit or version, device, seeds and cost."""
+        """Commit or version, device and seeds."""
         revision = commit()
         parts = [
             f"commit {revision[:7] + revision[40:]}" if revision else f"cldit {version('cldit')}",
@@ -159,7 +158,6 @@ class StudyPage:
             f"errors by {'seeds, ' if self.seeds else ''}cells of twice the edge"
             if self.row_errors
             else "",
-            f"{self.seconds:.0f} s" if self.seconds else "",
         ]
         return "; ".join(part for part in parts if part)
 
@@ -178,7 +176,6 @@ class StudyPage:
             "title": self.title,
             "figure": self.figure,
             "quick": self.quick,
-            "seconds": round(self.seconds, 1),
             "summary": self.summary,
             "text": self.text,
             "verdicts": _plain_rows(
@@ -291,12 +288,11 @@ def _overview_row(path: Path) -> tuple[show.Cell, ...]:
     data: dict[str, Any] = read_json(path, error=StudyError)
     texts = ("study", "title", "figure", "summary")
     complete = all(isinstance(data.get(name), str) for name in texts)
-    if not complete or not isinstance(data.get("seconds"), (int, float)) or "quick" not in data:
+    if not complete or "quick" not in data:
         raise StudyError(f"{path}: is damaged; run the study again")
     return (
         Link(data["title"], data["study"]),
         data["figure"],
         "quick" if data["quick"] else "full",
-        f"{data['seconds']:.0f}",
         data["summary"],
     )
