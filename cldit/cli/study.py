@@ -13,7 +13,7 @@ from cldit.errors import StudyError
 from cldit.run import RunCache, default_cache
 from cldit.run.trusted import open_device
 from cldit.scene import load_scene
-from cldit.study.lab import QUICK, Lab
+from cldit.study.lab import Lab, reduced
 from cldit.study.page import AGREES, DISAGREES, StudyPage, write_overview, write_page
 from cldit.study.paper import STUDIES, run_study, studies_of
 from cldit.study.sweep import Progress as Swept
@@ -74,10 +74,11 @@ def study(
     for number, study_name in enumerate(names, start=1):
         since = f", {(time.perf_counter() - start) / 60:.0f} min so far" if number > 1 else ""
         OUT.print(f"study {study_name} ({number} of {len(names)}{since})")
+        began = time.perf_counter()
         page = run_study(study_name, lab)
         pages.append(page)
         path = write_page(page, folder, markdown_only=markdown, suffix=suffix)
-        OUT.print(f"{path}: {page.summary} ({page.seconds:.0f} s)")
+        OUT.print(f"{path}: {page.summary} ({time.perf_counter() - began:.0f} s)")
     overview = write_overview(folder, list(STUDIES), markdown_only=markdown)
     _print_verdicts(pages)
     print_files(overview)
@@ -110,7 +111,7 @@ def _sweep(
 ) -> None:
     base = load_scene(name)
     if quick:
-        base = base.with_(**QUICK)
+        base = reduced(base)
     start = time.perf_counter()
     with ProgressBar() as bar:
 

@@ -13,10 +13,8 @@ from cldit.show.figures.colours import CHANGE, Scale
 from cldit.show.figures.maps import frame_of, map_legend, map_panel, reasons_in, spray_window
 from cldit.show.figures.panels import GREY, ImageFrame, Panel, joined, panels_figure, window_around
 
-_COLUMNS = 3
 
-
-def maps_sheet(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) -> Figure:
+def maps_sheet(runs: Mapping[str, Run], *, title: str, columns: int = 3) -> Figure:
     """Several maps of T_app in one scale, paler where the emissivity is low."""
     shown = {name: (run.maps, frame_of(run.scene)) for name, run in runs.items()}
     scale = Scale.of(maps for maps, _ in shown.values())
@@ -38,7 +36,7 @@ def changes_sheet(
     *,
     title: str,
     limit_K: float,
-    columns: int = _COLUMNS,
+    columns: int = 3,
     label: str = "difference of apparent temperature /\N{NO-BREAK SPACE}K",
 ) -> Figure:
     """Differences (H, W) in one diverging scale, white at zero; NaN is grey."""

@@ -11,6 +11,7 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, RunCache, Say
 from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene
+from cldit.scene.camera import square_pixels
 from cldit.scene.keys import coarsened
 from cldit.scene.spray import LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M
@@ -45,18 +46,24 @@ _COMPARED: dict[str, Any] = {
     "transport.audit": False,
 }
 
-# Fewer droplets per parcel than the paper's 1e4, so that single parcels are invisible. Quick is
-# coarser: pixels of 0.4 mm, leaves of 0.8 mm, gas cells of 2 mm, parcels as in the paper.
+# Fewer droplets per parcel than the paper's 1e4, so that single parcels are invisible.
 _PARCELS = 2.5e3
-QUICK: dict[str, Any] = {
-    "camera.pixels": [250, 250],
-    "transport.accuracy_K": 0.5,
-    "domain.leaf_edge_m": 1e-3,
-}
+# Quick: pixels of 0.4 mm, and the octree, the gas and the parcels' masses 2 to 4 times as coarse.
 _QUICK_SPRAY: dict[str, Any] = {
     "spray.box.spacing_m": 2e-3,
     "spray.droplets_per_parcel": 1e4,
 }
+
+
+def reduced(scene: Scene) -> Scene:
+    """The scene with reduced accuracy, and 250 square pixels along the longer side."""
+    return scene.with_(
+        **{
+            "camera.pixels": square_pixels(scene.camera.field_m, 250),
+            "transport.accuracy_K": 0.5,
+            "domain.leaf_edge_m": 1e-3,
+        }
+    )
 
 
 def in_gas(pressure_MPa: float) -> tuple[str, dict[str, Any]]:
@@ -107,7 +114,6 @@ class Lab:
 
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Gasoline spray of the paper, called `name`, with some `values` changed (dotted keys)."""
-        base = load_scene("gdi")
         fixed = {
             "name": name,
             "description": "",
@@ -115,17 +121,23 @@ class Lab:
             "spray.seed": self.seed,
             "walls.temperature_K": GASES_K[0.6][1],
             **open_for(OPEN_s),
-            **_COMPARED,
+            **_CAMERA,
         }
-        quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
-        scene = base.with_(**{**fixed, **_CAMERA, **quick, **(values or {})}).with_(**self.always)
-        return coarsened(scene, self.coarser)
+        return self._changed(load_scene("gdi").with_(**fixed), _QUICK_SPRAY, values)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Shipped scene `name` with some `values` changed, reduced if the study is quick."""
-        quick = {**_COMPARED, **(QUICK if self.quick else {})}
-        scene = load_scene(name).with_(**{**quick, **(values or {})}).with_(**self.always)
-        return coarsened(scene, self.coarser)
+        return self._changed(load_scene(name), {}, values)
+
+    def _changed(
+        self, scene: Scene, quick: Mapping[str, Any], values: Mapping[str, Any] | None
+    ) -> Scene:
+        """The scene as one to compare, reduced and with the values `quick` if the study is quick,
+        and with `values`."""
+        scene = scene.with_(**_COMPARED)
+        if self.quick:
+            scene = reduced(scene).with_(**quick)
+        return coarsened(scene.with_(**(values or {})).with_(**self.always), self.coarser)
 
     def run(self, scene: Scene, *, spray: Callable[[], Spray] | None = None) -> Run:
         """Run of a scene, from the cache if it is there; `spray` makes its spray."""

@@ -10,10 +10,21 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats, Image, Mask
 from cldit.comparison.regions import Spray2D
 from cldit.run import Run
+from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.spray.result import Spray
 
 _PRESENT = 0.02  # smallest share of the light of a pixel that makes a phase visible in it
+# Largest share of droplets in what a ray loses and emits, where it sees vapour only: with as much
+# light of walls, 0 to 570 K, vapour of 520 K changes by 0.6 K.
+_ABSENT = 0.005
 _SOME = 20  # pixels of a mean, at least
+
+
+def named(sizes: NukiyamaTanasawa | Monodisperse) -> str:
+    """Name of a droplet size distribution."""
+    if isinstance(sizes, Monodisperse):
+        return f"all {sizes.diameter_um:g} µm"
+    return f"m {sizes.m_um:g} µm, n {sizes.n:.3g}, p {sizes.p:g}"
 
 
 def spray_of(run: Run) -> Spray2D:
@@ -30,6 +41,11 @@ def visible(run: Run) -> Mask:
 def root(run: Run) -> Mask:
     """Visible spray 1 to 8 mm below the injector tip."""
     return spray_of(run).root
+
+
+def rim(run: Run) -> Mask:
+    """Visible spray (H, W) around the plumes, of an emissivity up to 0.3."""
+    return spray_of(run).regions["halo"]
 
 
 def tips(run: Run) -> Mask:
@@ -54,9 +70,9 @@ def both_phases(run: Run) -> Mask:
 def vapour_only(run: Run) -> Mask:
     """Pixels (H, W) of the visible spray that see vapour and no droplets."""
     weights = run.weights
-    emitted = np.maximum(weights.vapour + weights.liquid, 1e-30)
+    emitted = weights.vapour + weights.liquid
     extinct = 1.0 - weights.background / np.maximum(run.reference.background, 1e-6)
-    dry = (_scattered(run) < 1e-3) & (weights.liquid < 1e-3 * emitted) & (extinct > 0)
+    dry = (_scattered(run) < _ABSENT * extinct) & (weights.liquid < _ABSENT * emitted)
     return np.asarray(visible(run) & dry)
 
 

@@ -23,7 +23,7 @@ from cldit.show.page import Block, Code, Figure, Link, Section, Table
 Row = Mapping[str, float | str]
 
 _VERDICTS = ("the paper", "found", "agrees if", "")
-_OVERVIEW = ("study", "the paper's", "size", "took / s", "against the paper")
+_OVERVIEW = ("study", "the paper's", "size", "against the paper")
 
 
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "undecided"
@@ -91,7 +91,7 @@ def _measured(value: float, error: float) -> str:
     if error == 0:
         return f"{value:.4g}"
     places = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{places}f} ± {error:.{places}f}"
+    return f"{value:z.{places}f} ± {error:.{places}f}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +99,7 @@ class StudyPage:
     """Results of a study.
 
     about: its subject, one sentence. figure: of the paper. command: makes the page. text: one
-    paragraph. figures: by file name without suffix. table: rows of equal keys, with units in their
+    paragraph. figures: by name, each with its file. table: rows of equal keys, with units in their
     names; row_errors: standard errors of their numbers. seeds: of the sprays whose mean the numbers
     are. quick: reduced pixels and accuracy.
     """
@@ -116,7 +116,6 @@ class StudyPage:
     verdicts: tuple[Verdict, ...] = ()
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     quick: bool = False
-    seconds: float = 0.0
     seeds: tuple[int, ...] = ()
     device: str = ""
 
@@ -132,54 +131,35 @@ class StudyPage:
         rest = f", {open_} undecided" if open_ else ""
         return f"{agreed} of {len(words)} statements agree{rest}."
 
-    def html(self) -> show.Page:
-        """Page as one file."""
+    def page(self, *, with_tables: bool = True) -> show.Page:
+        """The page; without `with_tables`, as in docs, numbers and scenes are in other files."""
         scenes = [
             Section(name, [Code(dump_scene(scene))], level=3, folded=True)
             for name, scene in self.scenes.items()
         ]
-        note = f"`{self.command}`, cldit {version('cldit')}. {self._made()}"
+        numbers = "" if with_tables else f" (all numbers: `{self.name}.json`)"
         content: list[Block] = [
-            self.about,
-            Section("", [*self.figures.values(), self.text]),
+            f"{self.about} Made by `{self.command}`{numbers}. {self._made()}",
+            *self.figures.values(),
+            self.text,
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
-            Section("Numbers", [self._numbers()]),
-            Section("To repeat it", [note, *scenes]),
+            Section("Numbers", [self._numbers()] if with_tables else []),
+            Section("Scenes", scenes if with_tables else []),
         ]
         return show.Page(self.title, content)
 
     def _made(self) -> str:
-        """Commit, device, seeds and cost."""
+        """Commit or version, device and seeds."""
         revision = commit()
         parts = [
-            f"commit {revision[:7] + revision[40:]}" if revision else "",
+            f"commit {revision[:7] + revision[40:]}" if revision else f"cldit {version('cldit')}",
             self.device,
             f"mean of seeds {', '.join(map(str, self.seeds))}" if self.seeds else "",
             f"errors by {'seeds, ' if self.seeds else ''}cells of twice the edge"
             if self.row_errors
             else "",
-            f"{self.seconds:.0f} s" if self.seconds else "",
         ]
         return "; ".join(part for part in parts if part)
-
-    def markdown(self, *, tables: bool) -> show.Page:
-        """Page with figures as files beside it. Without `tables`, as in docs, numbers are in the
-        JSON."""
-        figures = [
-            Figure(figure.png, figure.caption, f"study-{self.name}-{name}.png")
-            for name, figure in self.figures.items()
-        ]
-        numbers = "" if tables else f" (all numbers: `{self.name}.json`)"
-        content: list[Block] = [
-            f"{self.about} Made by `{self.command}`{numbers}. {self._made()}",
-            *figures,
-            self.text,
-        ]
-        if self.verdicts:
-            content += [self.summary, self._verdicts()]
-        if tables:
-            content.append(self._numbers())
-        return show.Page(self.title, content)
 
     def _verdicts(self) -> Table:
         return Table(_VERDICTS, [
@@ -196,7 +176,6 @@ class StudyPage:
             "title": self.title,
             "figure": self.figure,
             "quick": self.quick,
-            "seconds": round(self.seconds, 1),
             "summary": self.summary,
             "text": self.text,
             "verdicts": _plain_rows(
@@ -272,21 +251,20 @@ def write_page(
     With `markdown_only`, as for docs, only figures, .json and .md, without tables of numbers.
     suffix: .pdf or .svg, of one more file of each figure.
     """
-    path = folder / page.name
     try:
         make_folder(folder)
-        write_text(path.with_name(f"{page.name}.json"), page.json())
-        markdown = path.with_name(f"{page.name}.md")
-        written = show.write_page(page.markdown(tables=not markdown_only), markdown)
-        for name, figure in page.figures.items():
+        write_text(folder / f"{page.name}.json", page.json())
+        shown = page.page(with_tables=not markdown_only)
+        written = show.write_page(shown, folder / f"{page.name}.md")
+        for figure in page.figures.values():
             if suffix is not None and figure.drawn is not None:
-                write_figure(figure.drawn, folder / f"study-{page.name}-{name}{suffix}")
+                write_figure(figure.drawn, (folder / figure.file).with_suffix(suffix))
         if not markdown_only:
             make_folder(folder / "scenes")
             for name, scene in page.scenes.items():
                 write_text(folder / "scenes" / f"{page.name}-{name}.yaml", dump_scene(scene))
-            write_text(path.with_name(f"{page.name}.csv"), page.csv())
-            written = show.write_page(page.html(), path.with_name(f"{page.name}.html"))
+            write_text(folder / f"{page.name}.csv", page.csv())
+            written = show.write_page(shown, folder / f"{page.name}.html")
     except OSError as error:
         raise StudyError(f"{folder}: cannot be written ({error})") from error
     return written
@@ -310,12 +288,11 @@ def _overview_row(path: Path) -> tuple[show.Cell, ...]:
     data: dict[str, Any] = read_json(path, error=StudyError)
     texts = ("study", "title", "figure", "summary")
     complete = all(isinstance(data.get(name), str) for name in texts)
-    if not complete or not isinstance(data.get("seconds"), (int, float)) or "quick" not in data:
+    if not complete or "quick" not in data:
         raise StudyError(f"{path}: is damaged; run the study again")
     return (
         Link(data["title"], data["study"]),
         data["figure"],
         "quick" if data["quick"] else "full",
-        f"{data['seconds']:.0f}",
         data["summary"],
     )

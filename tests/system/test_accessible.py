@@ -71,7 +71,7 @@ def report(folder: Path) -> Path:
 def a_line() -> Figure:
     figure = figure_of(2.0, 1.0)
     figure.subplots().plot([0.0, 1.0])
-    return Figure(png_of(figure, dpi=50), "a line")
+    return Figure(png_of(figure, dpi=50), "a line", "line.png")
 
 
 def study(folder: Path) -> Path:

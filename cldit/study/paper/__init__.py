@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -56,7 +55,6 @@ def run_study(name: str, lab: Lab) -> StudyPage:
     """Runs the study `name` in `lab`, with runs and sprays from its cache."""
     if name not in STUDIES:
         raise StudyError(f"{name}: no such study; allowed: {', '.join(STUDIES)}, all")
-    start = time.perf_counter()
     study_lab = replace(lab, used={})
 
     def decided(results: Results) -> bool:
@@ -70,6 +68,5 @@ def run_study(name: str, lab: Lab) -> StudyPage:
         command=f"cldit study {name}{' --quick' if lab.quick else ''}",
         scenes=study_lab.used,
         quick=lab.quick,
-        seconds=time.perf_counter() - start,
         device="" if lab.device is None else lab.device.info.name,
     )

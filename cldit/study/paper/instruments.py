@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
 from cldit.arrays import Floats
 from cldit.camera.sensor import SensorModel
@@ -19,7 +20,6 @@ from cldit.optics.liquid import liquid
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run
 from cldit.scene import Scene
-from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.colours import COUNTS, NEGATIVE
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.optics_figures import optics_figure
@@ -28,11 +28,11 @@ from cldit.show.report.optics_summary import FIG4, PAPER, scene_optics
 from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
 from cldit.study.lab import Lab, ambient, in_gas
-from cldit.study.measures import mean_K, root, spray_of, visible
+from cldit.study.measures import mean_K, named, root, spray_of, visible
 from cldit.study.page import SURE, Row
 from cldit.study.paper.results import Results
 
-_LARGE_M = 0.49e-3
+_LARGE_M = 0.49e-3  # shortly before the end of the tables of droplets
 
 
 def optics(lab: Lab) -> Results:
@@ -47,19 +47,14 @@ def optics(lab: Lab) -> Results:
     rows: list[Row] = []
     off: list[float] = []
     for row in FIG4:
-        sizes = row.sizes
-        if isinstance(sizes, Monodisperse):
-            name, means = "all of one size", [sizes.diameter_um] * 2
-        else:
-            name = f"m {sizes.m_um:g} µm, n {sizes.n:g}, p {sizes.p:g}"
-            means = [mean_diameter_m(sizes, *powers) * 1e6 for powers in ((1, 0), (3, 2))]
-        off += [abs(means[0] - row.d10_um), abs(means[1] - row.d32_um)]
+        d10_um, d32_um = (1e6 * mean_diameter_m(row.sizes, *powers) for powers in ((1, 0), (3, 2)))
+        off += [abs(d10_um - row.d10_um), abs(d32_um - row.d32_um)]
         rows.append(
             {
-                "distribution": name,
-                "D10 / µm": means[0],
+                "distribution": named(row.sizes),
+                "D10 / µm": d10_um,
                 "the paper's D10 / µm": row.d10_um,
-                "D32 / µm": means[1],
+                "D32 / µm": d32_um,
                 "the paper's D32 / µm": row.d32_um,
             }
         )
@@ -84,8 +79,13 @@ def optics(lab: Lab) -> Results:
 
 # MPa, K: pressure alone, temperature alone, and the corners
 _CONDITIONS = ((0.15, 300.0), (0.6, 300.0), (0.3, 500.0), (0.6, 570.0), (0.9, 620.0))
+# The paper's holes have "different inclination angles", which it does not give: assumed 33 degrees
+# on average, as in gdi, and 8 degrees more towards the lamp.
+_AZIMUTHS_DEG = 22.5 + 45.0 * np.arange(8)
+_INCLINATIONS_DEG = np.round(33.0 + 8.0 * np.cos(np.radians(_AZIMUTHS_DEG)), 1)
+_UNEQUAL = "0.6 MPa, 570 K, unequal holes"
 _WITHIN = 0.97  # of the light, or of the liquid's mass
-_SIDE_M = 0.2  # of the enclosure, one side of which is the lamp
+_SIDE_M = 0.2  # of the enclosure (the paper's cube), one side of which is the lamp
 # Green light, which n-heptane does not absorb (n at 20 C), seen without perspective.
 _LIGHT: dict[str, Any] = {
     "optics.wavelength_um": 0.55,
@@ -131,59 +131,80 @@ def from_below(spray: Spray) -> Spray:
 
 def visible_light(lab: Lab) -> Results:
     """Light of a lamp that droplets scatter to a camera below, 1.5 ms after the start."""
+    cases: dict[str, dict[str, Any]] = {
+        f"{MPa:g} MPa, {gas_K:g} K": {"spray.ambient": ambient(MPa, gas_K)}
+        for MPa, gas_K in _CONDITIONS
+    }
+    holes = zip(_INCLINATIONS_DEG.tolist(), _AZIMUTHS_DEG.tolist(), strict=True)
+    cases[_UNEQUAL] = {"spray.plumes": [
+        {"inclination_deg": inclination, "azimuth_deg": azimuth} for inclination, azimuth in holes
+    ]}  # fmt: skip
     seen: dict[str, tuple[Floats, ImageFrame]] = {}
-    rows: list[Row] = []
-    reach: dict[tuple[float, float], float] = {}
-    for pressure_MPa, gas_K in _CONDITIONS:
-        gas = f"{pressure_MPa:g} MPa, {gas_K:g} K"
-        gas_values = {"spray.ambient": ambient(pressure_MPa, gas_K)}
-        values = {"spray.time_s": 1.5e-3, **gas_values, **_LIGHT}
-        scene = lab.gdi(f"visible-{pressure_MPa:g}MPa-{gas_K:g}K", values)
+    rows: dict[str, Row] = {}
+    for case, values in cases.items():
+        name = f"visible-{case.replace(' ', '').replace(',', '-')}"
+        scene = lab.gdi(name, {"spray.time_s": 1.5e-3, **values, **_LIGHT})
         spray = lab.spray(scene)
         run = lab.run(scene, spray=partial(from_below, spray))
         light = run.weights.patches["lamp"].astype(float)
-        seen[gas] = light, replace(frame_of(scene), axes=("x", "y"))
+        seen[case] = light, replace(frame_of(scene), axes=("x", "y"))
         pixels = spray_of(run)
         light_m = within_m(np.hypot(pixels.x_m, pixels.z_m).ravel(), light.ravel())
-        reach[pressure_MPa, gas_K] = light_m * 1e3
         assert spray.parcels is not None
         radius_m = np.hypot(*spray.parcels.position_m[:, :2].T)
-        rows.append(
-            {
-                "gas": gas,
-                "projected penetration of the light / mm": light_m * 1e3,
-                "of the liquid / mm": within_m(radius_m, spray.parcels.masses_kg) * 1e3,
-                "penetration / mm": spray.notes["liquid_penetration_m"] * 1e3,
-                "vapour penetration / mm": spray.notes["vapour_penetration_m"] * 1e3,
-                "liquid / mg": spray.notes["liquid_mass_kg"] * 1e6,
-                "vapour / mg": spray.notes["vapour_mass_kg"] * 1e6,
-            }
-        )
+        rows[case] = {
+            "gas": case,
+            "projected penetration of the light / mm": light_m * 1e3,
+            "of the liquid / mm": within_m(radius_m, spray.parcels.masses_kg) * 1e3,
+            "penetration / mm": spray.notes["liquid_penetration_m"] * 1e3,
+            "vapour penetration / mm": spray.notes["vapour_penetration_m"] * 1e3,
+            "liquid / mg": spray.notes["liquid_mass_kg"] * 1e6,
+            "vapour / mg": spray.notes["vapour_mass_kg"] * 1e6,
+        }
+    plumes_mm = _plumes_mm(spray)
+    light_mm = {case: float(row["projected penetration of the light / mm"])
+                for case, row in rows.items()}  # fmt: skip
 
-    def told(at: tuple[float, float]) -> str:
-        row = rows[_CONDITIONS.index(at)]
-        liquid_mg, vapour_mg = float(row["liquid / mg"]), float(row["vapour / mg"])
+    def told(case: str) -> str:
+        liquid_mg, vapour_mg = float(rows[case]["liquid / mg"]), float(rows[case]["vapour / mg"])
         return (
-            f"{float(row['projected penetration of the light / mm']):.1f} mm at {row['gas']}, with "
+            f"{light_mm[case]:.1f} mm at {case}, with "
             f"{100 * liquid_mg / (liquid_mg + vapour_mg):.0f} % of the fuel still liquid"
         )
 
-    *descriptions, hottest = (told(at) for at in _CONDITIONS if at != (0.3, 500.0))
-    liquid_mm = [float(row["of the liquid / mm"]) for row in rows]
-    ratios = [mass / light for mass, light in zip(liquid_mm, reach.values(), strict=True)]
+    *descriptions, hottest = (
+        told(case) for case in cases if case not in ("0.3 MPa, 500 K", _UNEQUAL)
+    )
+    ratios = [float(row["of the liquid / mm"]) / light_mm[case] for case, row in rows.items()]
     return Results(
         values={
             "within": 100 * _WITHIN,
             "seen": f"{'; '.join(descriptions)}; and {hottest}",
             "least": min(ratios),
             "most": max(ratios),
-            "by_pressure_mm": reach[0.6, 300.0] - reach[0.15, 300.0],
-            "by_temperature_mm": reach[0.6, 570.0] - reach[0.6, 300.0],
-            "hot_over_cold": reach[0.9, 620.0] / reach[0.15, 300.0],
+            "by_pressure_mm": light_mm["0.6 MPa, 300 K"] - light_mm["0.15 MPa, 300 K"],
+            "by_temperature_mm": light_mm["0.6 MPa, 570 K"] - light_mm["0.6 MPa, 300 K"],
+            "hot_over_cold": light_mm["0.9 MPa, 620 K"] / light_mm["0.15 MPa, 300 K"],
+            "least_deg": min(_INCLINATIONS_DEG),
+            "most_deg": max(_INCLINATIONS_DEG),
+            "least_mm": min(plumes_mm),
+            "most_mm": max(plumes_mm),
+            "by_inclination": float(spearmanr(_INCLINATIONS_DEG, plumes_mm).statistic),
         },
-        table=rows,
+        table=list(rows.values()),
         sheets={"below": _light_sheet(seen)},
     )
+
+
+def _plumes_mm(spray: Spray) -> list[float]:
+    """Projected penetration of the liquid of each of eight plumes."""
+    assert spray.parcels is not None
+    x, y = spray.parcels.position_m[:, :2].T
+    hole = np.floor(np.degrees(np.arctan2(y, x)) % 360.0 / 45.0)
+    return [
+        1e3 * within_m(np.hypot(x, y)[hole == number], spray.parcels.masses_kg[hole == number])
+        for number in range(8)
+    ]
 
 
 def _light_sheet(seen: Mapping[str, tuple[Floats, ImageFrame]]) -> Figure:
@@ -199,7 +220,7 @@ def _light_sheet(seen: Mapping[str, tuple[Floats, ImageFrame]]) -> Figure:
     )
 
 
-_BACKGROUND_K = 443.0
+_BACKGROUND_K = 443.0  # paper, Fig. 6
 _CAMERA = {
     "spray.time_s": 0.3e-3,
     **in_gas(0.4)[1],
@@ -209,7 +230,7 @@ _CAMERA = {
     "camera.sensor.pixels": [640, 512],
     "camera.sensor.integration_time_s": 25e-6,
 }
-_OPAQUE = 0.3
+_OPAQUE = 0.3  # emissivity above that of the plumes' rim
 
 
 def _radiance(run: Run) -> NDArray[np.float64]:
@@ -270,4 +291,5 @@ def _exposure(raw: NDArray[np.uint16], traced: NDArray[np.float64], scene: Scene
         Panel(traced, "traced", label, (low, high), COUNTS, frame=frame_of(scene)),
     ]
     window = sensor.extent_mm(raw.shape)
-    return panels_figure(panels, title="camera", window=window, shared=True)
+    title = f"signal in front of a background of {_BACKGROUND_K:g} K"
+    return panels_figure(panels, title=title, window=window, shared=True)

@@ -59,7 +59,7 @@ def page_of(name: str, results: Results) -> StudyPage:
         figure=study["figure"],
         text=filled(study["text"]),
         figures={
-            key: Figure.of(sheet, filled(study["figures"][key]))
+            key: Figure.of(sheet, filled(study["figures"][key]), file=f"study-{name}-{key}.png")
             for key, sheet in results.sheets.items()
         },
         table=results.table,

@@ -66,7 +66,7 @@ def _page() -> StudyPage:
         title="Wall <temperature>",
         command="cldit study walls --quick",
         text="One & only paragraph.",
-        figures={"maps": Figure(png_of(figure), "caption")},
+        figures={"maps": Figure(png_of(figure), "caption", "study-walls-maps.png")},
         table=[{"case": "a|b", "T_app / K": 400.123456}, {"case": "c", "T_app / K": math.nan}],
         verdicts=(
             Verdict(claim="good", value=0.5, unit="K", high=1.0, reason="never shown"),
@@ -119,4 +119,4 @@ def test_place_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_without_verdicts() -> None:
     page = StudyPage(name="n", title="t", figure="f", text="", figures={}, table=())
-    assert "Against the paper" not in page.html().html()
+    assert "Against the paper" not in page.page().html()
