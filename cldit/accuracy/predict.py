@@ -17,10 +17,13 @@ from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
 from cldit.accuracy.richardson import SAFE, error_at
 from cldit.accuracy.sources import BY_NAME, SOURCES
+from cldit.accuracy.sources.base import ErrorSource
 from cldit.accuracy.sources.discretisation import spectral_K
+from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import DEEPEST
+from cldit.prepare.medium import Prepared
 from cldit.prepare.preview import coarsest_depth
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
@@ -83,26 +86,41 @@ def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Reso
 
 def coarse_estimates(tracer: VariantTracer) -> tuple[Estimate, ...]:
     """Known errors of the sources that the scene fixes, and of a cone's classes and lattice, on the
-    coarsest cells that will do."""
+    coarsest cells that will do.
+
+    Those of rays and ordinates are errors of the image on these cells.
+    """
     scene, prepared = tracer.scene, tracer.prepared
-    fixed = [source for source in SOURCES if not source.is_free(scene)]
-    listed = SOURCES if prepared.cone is not None else fixed
-    of_spray = [source for source in listed if source.of_spray and source.applies(prepared)]
+    listed = [source for source in SOURCES if _is_listed(source, prepared)]
+    if not listed:
+        return ()
     estimates: list[Estimate] = []
     cell_m = coarsest_m(tracer)
     if isinstance(scene.spray, GridSpray):  # cells smaller than its voxels show no more
         cell_m = max(cell_m, prepared.cube.cell_m)
-    while of_spray:
+    while True:
         at = tracer.on_cells(cell_m, cell_m)
         try:
-            tracer.level(cell_m)
-            estimates += [estimate for source in of_spray for estimate in source.of(at)]
+            image = tracer.level(cell_m)
+            errors = TraceError.of_halves(tracer.temperature, image)
+            traced = tracer.on_cells(cell_m, cell_m, image=image, trace_errors=errors)
+            for source in listed:
+                estimates += source.of(at if source.of_spray else traced)
             break
         except (SprayError, TransportError):  # no cone has the lattice, or cells reach too far
-            cell_m /= tracer.step
+            estimates, cell_m = [], cell_m / tracer.step
             if isinstance(scene.spray, GridSpray) or cell_m < 2 * _finest_m(tracer):
                 break
     return tuple(estimate for estimate in estimates if estimate.error_K is not None)
+
+
+def _is_listed(source: ErrorSource, prepared: Prepared) -> bool:
+    """True if coarse cells tell the error of a source whose choice does not wait for the image."""
+    if not source.applies(prepared):
+        return False
+    if source.of_spray:
+        return prepared.cone is not None or not source.is_free(prepared.scene)
+    return bool(source.key(prepared.scene)) and not source.of_cells
 
 
 # Highest order of a prediction, since coarse cells overestimate it, and least ratio of the cells.

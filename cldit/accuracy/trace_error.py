@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.node_traces import NodeTraces
 from cldit.arrays import Floats, Ints
 from cldit.dit.maps import Maps
-from cldit.radiance.apparent_temperature import result_errors_K
+from cldit.radiance.apparent_temperature import NodeTemperature, result_errors_K
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample, sampled_square
@@ -67,6 +68,16 @@ class TraceError:
             map_K = _audited_map(maps, sample, half_a * half_b, map_K)
             out.append(cls(half_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K))
         return tuple(out)
+
+    @classmethod
+    def of_halves(cls, temperature: NodeTemperature, image: ImagePair) -> tuple[TraceError, ...]:
+        """Errors of an image of one wavelength by its halves alone; empty if it has none, or no
+        pixel is visible."""
+        count = int(np.count_nonzero(image.visible(temperature)))
+        if image.difference is None or not count:
+            return ()
+        squares = np.nansum(image.noise_K(temperature) ** 2, axis=(1, 2))
+        return tuple(cls(half_K) for half_K in np.sqrt(squares / count).tolist())
 
     @property
     def whole_K(self) -> float | None:

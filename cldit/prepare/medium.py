@@ -327,7 +327,8 @@ def prepare(
             voxels=isinstance(scene.spray, GridSpray),
         )
         cube = frame
-        stages.remark(remarks)
+        if isinstance(scene.spray, GridSpray) or not scene.transport.audit:
+            stages.remark(remarks)  # else the run chooses cells by their error
     return Prepared(
         scene=scene,
         made=undeposited,

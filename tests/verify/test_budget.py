@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import cldit
+from cldit.accuracy.allocation import IN_VAIN
 from cldit.accuracy.errors import Errors
 from cldit.bench.budget_scenes import budget_scene
 from cldit.bench.case import changed
@@ -113,10 +114,11 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
 
 @pytest.mark.slow
 def test_what_no_plan_makes_smaller_is_named() -> None:
-    """One ray for a pixel of 2 mm errs by 6.9 K in gdi-cone, where 0.5 K are asked for; all other
-    errors together are below a tenth of that, and the remark names the rays."""
+    """One ray for a pixel of 4 mm errs by 5.8 K in gdi-cone, where 0.5 K are asked for: cells and
+    ordinates add at most a tenth to its square, and are no finer than that needs; the remark names
+    the rays."""
     data: dict[str, Any] = cldit.load_scene("gdi-cone").model_dump(mode="json")
-    data["camera"].update(pixels=[50, 50], rays_per_pixel=1)
+    data["camera"].update(pixels=[24, 24], rays_per_pixel=1)
     data["camera"].update(WHOLE)
     data["optics"]["compare_paper"] = False
     data["transport"]["accuracy_K"] = 0.5
@@ -124,9 +126,9 @@ def test_what_no_plan_makes_smaller_is_named() -> None:
     estimates = by_name(run.errors)
     pixels, cells = estimates["pixel sampling"], estimates["cells"]
     assert pixels is not None and cells is not None and pixels > 2.0
-    assert cells < 0.5
+    assert cells > 1.0
     assert run.errors is not None and run.errors.total_K is not None
-    assert run.errors.total_K < (1 + 0.1**2) ** 0.5 * pixels
+    assert run.errors.total_K < (1 + IN_VAIN) ** 0.5 * pixels
     (remark,) = (text for text in run.info.remarks if text.startswith("stated error"))
     assert (
         "pixel sampling contributes" in remark and "more than transport.accuracy_K: 0.5" in remark

@@ -34,7 +34,8 @@ class ErrorSource(ABC):
     cost_power: the cost grows as error ** -cost_power; 0: no resolution makes the error smaller.
     cost_share: part of a run's cost that grows so; sources that multiply each other's cost (cells,
     ordinates, wavelengths) have 1. of_spray: True if the error depends on spray and optics, not on
-    cells and ordinates; it is then estimated once for each spray. remedy: what a user can do, by
+    cells and ordinates; it is then estimated once for each spray. of_cells: True if no other cells
+    than the image's tell the error. remedy: what a user can do, by
     the key of the scene that fixes the source; "": any other key. also: names of further
     errors that the source estimates. shared_by: what two runs with the same error have in common,
     one of `cldit.accuracy.errors.PARTS`, or `OMISSION`.
@@ -46,6 +47,7 @@ class ErrorSource(ABC):
     cost_power: float = 0.0
     cost_share: float = 1.0
     of_spray: bool = False
+    of_cells: bool = False
     also: tuple[str, ...] = ()
 
     def key(self, scene: Scene) -> str:

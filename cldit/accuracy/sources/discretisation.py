@@ -69,6 +69,7 @@ class _Cells(ErrorSource):
 
     name = "cells"
     shared_by = "cells"
+    of_cells = True
     also = ("order of the cells",)
     cost_power = 3.0  # the number of cells grows as h^-3, the error falls at least as h
     remedy = remedies(
@@ -178,6 +179,8 @@ def beyond(at: VariantTracer) -> tuple[TraceError, ...]:
 
     `path` samples sources within cells, and follows rays to a cutoff of its own.
     """
+    if all(error.audit_K is None for error in at.trace_errors):
+        return tuple(at.trace_errors)
     stated = zip(*(source.errors_K(at) for source in (CELLS, CUTOFF, GATHER)), strict=True)
     pairs = zip(at.trace_errors, stated, strict=False)
     return tuple(

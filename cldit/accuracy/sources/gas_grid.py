@@ -62,7 +62,8 @@ class _GasGrid(ErrorSource):
     remedy = remedies(
         "a smaller spray.spacing_m, or spray.box.spacing_m of a computed spray",
         spray__spacing_m="a smaller spray.spacing_m, or none, so that the run chooses",
-        spray__box__spacing_m="a smaller spray.box.spacing_m (half takes 3 to 12 times as long)",
+        spray__box__spacing_m="a smaller spray.box.spacing_m (half takes 3 to 12 times as long), "
+        "or none, so that the run chooses",
         spray__file="finer cells in the file",
     )
     also = (ORDER,)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
@@ -52,12 +53,15 @@ class NumberTracer:
         self.traced: list[float] = []  # cells of the medium's own images
         self.varied: set[int] = set()  # halvings of the cube, of other images
         self.cell_m, self.coarse_m, self.image = 1e-3, 2e-3, None
+        self.temperature: Any = None
         self.predicted: dict[str, Any] = {}
         self.estimates: dict[str, Any] = {}
 
-    def on_cells(self, cell_m: float, coarse_m: float) -> NumberTracer:
-        self.cell_m, self.coarse_m = cell_m, coarse_m
-        return self
+    def on_cells(self, cell_m: float, coarse_m: float, **of_image: Any) -> NumberTracer:
+        tracer = copy.copy(self)
+        own = {"cell_m": cell_m, "coarse_m": coarse_m, "estimates": dict(self.estimates)}
+        vars(tracer).update(own | of_image)
+        return tracer
 
     def tell(self, work: str) -> None:
         self.prepared.stages.tell(work)

@@ -13,6 +13,8 @@ from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.predict import coarse_estimates
 from cldit.accuracy.sources.parcels import PARCELS
+from cldit.accuracy.sources.pixel_sampling import PIXEL_SAMPLING
+from cldit.accuracy.trace_error import TraceError
 from cldit.errors import TransportError
 from cldit.medium.frame import Cube
 from cldit.prepare.stages import Stages
@@ -29,19 +31,30 @@ KNOWN_K = {
 }
 
 
+@pytest.fixture(autouse=True)
+def _numbers_without_halves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TraceError, "of_halves", lambda *_: ())
+
+
 def gdi_flow() -> Scene:
     return load_scene("gdi-flow").with_(**{"spray.box.spacing_m": 1e-3})
 
 
 def tracer_of(
-    *, coarsest: int = 0, parcels: Any = None, gas: Any = None, count: int = 20_000
+    *,
+    coarsest: int = 0,
+    parcels: Any = None,
+    gas: Any = None,
+    count: int = 20_000,
+    scene: Scene | None = None,
+    image_K: float = 0.0,
 ) -> Any:
     """The medium's own images are alike; cells of less than `coarsest` halvings fail."""
 
     def level_K(cell_m: float) -> float:
         if cell_m > 1.001 * 0.2 / 2**coarsest:
             raise TransportError("cells reach behind a patch")
-        return 0.0
+        return image_K
 
     kept = {
         "parcels": parcels,
@@ -52,7 +65,7 @@ def tracer_of(
     return NumberTracer(
         level_K,
         KNOWN_K,
-        scene=gdi_flow(),
+        scene=scene or gdi_flow(),
         sources=(SimpleNamespace(position_m=np.zeros((count, 3))), []),
         spec=gdi_flow().spray,
         made=SimpleNamespace(parcels=None if parcels is None else sampled),
@@ -77,6 +90,23 @@ def test_a_computed_spray() -> None:
     (depth,) = tracer.varied  # the coarsest
     finer = tracer_of(coarsest=depth + 1, parcels=VARIANTS, gas=GAS)
     assert errors_of(finer) == errors_of(tracer) and finer.varied == {depth + 1}
+
+
+def test_rays_that_the_scene_fixes_are_known_before_the_cells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By the image on the coarsest cells; free ones wait for the image, as do cells."""
+
+    def estimate(at: Any) -> list[Estimate]:
+        return [Estimate(Cause("pixel sampling", at.image, ""))]
+
+    monkeypatch.setattr(PIXEL_SAMPLING, "estimate", estimate)
+    keys = {"camera.rays_per_pixel": 1, "domain.leaf_edge_m": 1e-3}
+    for scene, errors in (
+        (gdi_flow(), {}),
+        (gdi_flow().with_(**keys), {"pixel sampling": (7.0, False)}),
+    ):
+        assert errors_of(tracer_of(scene=scene, image_K=7.0)) == errors
 
 
 def test_an_error_that_is_unknown_bounds_nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,11 @@ from cldit.gpu.device import Device
 from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, PointSource, Sources, build_octree
 from cldit.medium.resolution import MOST_CELLS
+from cldit.prepare import medium
 from cldit.prepare.cell_choice import cells_that_fit, chosen_frame
-from cldit.scene import parse_scene
+from cldit.prepare.medium import prepare
+from cldit.prepare.stages import Stages
+from cldit.scene import load_scene, parse_scene
 from cldit.scene.vessel import Domain
 from cldit.spray.result import Cells
 
@@ -73,6 +77,20 @@ def test_what_does_not_fit_is_as_fine_as_fits_and_said() -> None:
     assert frame.cell_m == pytest.approx(8e-3)
     for part in ("8 mm are the finest that fit", "needs 4 mm", "domain.leaf_edge_m"):
         assert part in said
+
+
+@pytest.mark.parametrize("audit", [True, False])
+def test_cells_chosen_by_their_error_are_not_remarked_on(
+    device: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, audit: bool
+) -> None:
+    """A run with an audit has other cells than those that fit, with reasons of its own."""
+    monkeypatch.setattr(medium, "cells_that_fit", lambda *_, **__: 1_000)
+    scene = load_scene("gdi-cone").with_(
+        **{"spray.spacing_m": 2e-3, "domain.leaf_edge_m": None, "transport.audit": audit}
+    )
+    stages = Stages(None)
+    prepare(scene, device, stages, tmp_path)
+    assert any("finest that fit" in remark for remark in stages.remarks) != audit
 
 
 def test_smaller_memory_holds_fewer_cells(device: Device) -> None:
