@@ -1,10 +1,13 @@
 """Correlation of the errors of neighbouring pixels, from their standardised residuals.
 
-The correlation rho(d) at a distance d is 1 - v(d), with the semivariance v(d) = <(z_i - z_j)^2> / 2
-and the sill 1 that errors of the stated size have: a smooth difference does not change v at short
-distances, and is not mistaken for a correlation. It is averaged over all directions and counts up
-to the first distance at which it is within its noise: each pair alone is too noisy, while their sum
-increases the variance of a mean tenfold.
+The correlation rho(d) at a distance d is 1 - v(d) / s, with the semivariance
+v(d) = <(z_i - z_j)^2> / 2 and the sill s. It is the mean of z^2, of which chance makes v and s
+large together: with a sill of 1 an image whose errors are large by chance would seem to have no
+correlation, just where it decides. It is at most what independent errors of the stated size reach
+by chance, 3 standard deviations above 1: a smooth difference makes the mean of z^2 larger, does
+not change v at short distances, and is not mistaken for a correlation. It is averaged over all
+directions and counts up to the first distance at which it is within its noise: each pair alone is
+too noisy, while their sum increases the variance of a mean tenfold.
 """
 
 from __future__ import annotations
@@ -15,8 +18,8 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 
 from cldit.arrays import Floats
 
-_FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
-_KNOWN_SILL = 3.0  # variance of rho times pairs, of white noise with a known sill; else 1
+_FARTHEST = 0.25  # largest distance of a correlation, of the image's edge
+_BY_CHANCE = 3.0  # standard deviations of a mean square
 
 
 def correlation(z: Floats) -> tuple[float, float]:
@@ -44,11 +47,13 @@ def correlation(z: Floats) -> tuple[float, float]:
     mean = float(np.mean(z[valid] ** 2))
     if not mean > 0.0:
         return float(valid.sum()), float(valid.sum())  # equal: as good as one pixel
+    most = 1.0 + _BY_CHANCE * (2.0 / np.count_nonzero(valid)) ** 0.5
     down, across = np.indices(pairs.shape) - reach
     ring = np.rint(np.hypot(down, across)).astype(int)
     count = np.bincount(ring.ravel(), pairs.ravel())
-    rho = 1.0 - np.bincount(ring.ravel(), half.ravel()) / np.maximum(count, 1.0) / min(mean, 1.0)
-    noise = np.sqrt((_KNOWN_SILL if mean >= 1.0 else 1.0) * 2.0 / np.maximum(count, 1.0))
+    semivariance = np.bincount(ring.ravel(), half.ravel()) / np.maximum(count, 1.0)
+    rho = 1.0 - semivariance / min(mean, most)
+    noise = np.sqrt(2.0 / np.maximum(count, 1.0))  # of white noise
     correlated = np.cumprod((rho > noise) & (count > 0))[1 : reach + 1]  # up to the first by chance
     rho, weight = rho[1 : reach + 1] * correlated, count[1 : reach + 1] / pairs[reach, reach]
     return 1.0 + float(weight @ rho**2), 1.0 + float(weight @ rho)

@@ -6,8 +6,9 @@ python -m tests.bench calibration gdi-cone --quick --alone
 python -m tests.bench calibration gdi-cone --wheel --seeds 12
 
 Each recording is compared with its run, with another recording, and with runs whose walls are 20 K
-warmer and of another order; `--alone` omits these runs. `--quick` is for 40 x 32 pixels. `--wheel`
-is for campaigns of two filters of 24 x 24 pixels: equal ones, their runs, and 10 % more mass.
+warmer and of another order; `--alone` omits these runs. `--first` is the first seed. `--quick` is
+for 40 x 32 pixels. `--wheel` is for campaigns of two filters of 24 x 24 pixels: equal ones, their
+runs, and 10 % more mass.
 """
 
 from __future__ import annotations
@@ -37,19 +38,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", nargs="?", default="gdi-cone")
     parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="seed")
     parser.add_argument("--quick", action="store_true", help="40 x 32 pixels")
     parser.add_argument("--alone", action="store_true", help="no runs that differ")
     parser.add_argument("--wheel", action="store_true", help="two filters, with the extinction")
     given = parser.parse_args()
     if given.wheel:
-        wheel(load_scene(given.scene).with_(**SMALL), given.seeds)
+        wheel(load_scene(given.scene).with_(**SMALL), given.seeds, given.first)
         return
     sensor = {**TINY, "transport.accuracy_K": 8.0} if given.quick else SENSOR
     scene = load_scene(given.scene).with_(**{"transport.accuracy_K": 4.0, **sensor})
     with tempfile.TemporaryDirectory() as folder:
         run = simulate(scene, Path(folder) / "run")
         shown = open_shown(run)
-        recorded = [recording(run, seed=seed) for seed in range(given.seeds)]
+        recorded = [recording(run, seed=given.first + n) for n in range(given.seeds)]
         found = [difference(shown, one) for one in recorded]
         for name in found[0].regions:
             tested = [one.regions[name] for one in found if one.regions[name].p_value is not None]
@@ -83,7 +85,7 @@ def main() -> None:
                 print(*difference(one, other).verdict.lines, sep="\n    ")
 
 
-def wheel(scene: Scene, seeds: int) -> None:
+def wheel(scene: Scene, seeds: int, first: int) -> None:
     """Prints how many campaigns of two filters differ, and by which filter."""
     scenes = {"fuel": scene, "droplets": in_band(scene, load_scene("gdi-extinction"))}
     mass_kg = scene.model_dump()["spray"]["injected_mass_kg"]
@@ -99,10 +101,10 @@ def wheel(scene: Scene, seeds: int) -> None:
             for share in (1.0, 1.1)
         }
 
-        def campaigns(share: float, first: int) -> list[dict[str, Shown]]:
+        def campaigns(share: float, offset: int) -> list[dict[str, Shown]]:
             return [
                 {
-                    name: recording(run, seed=1000 * (first + k) + number)
+                    name: recording(run, seed=1000 * (first + offset + k) + number)
                     for number, (name, run) in enumerate(runs[share].items())
                 }
                 for k in range(seeds)
