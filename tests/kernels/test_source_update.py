@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.transport.angular_moments import MOMENTS, phase_coefficients
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates import sweep as sweep_module
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
@@ -77,15 +77,13 @@ def test_gradients_of_source_and_radiance_add_up(device: Device) -> None:
 
 
 @pytest.mark.parametrize("flags", [{}, {"LINEAR_SOURCE": 1, "SPATIAL_MOMENTS": 1}])
-def test_boxes_that_share_a_buffer_change_nothing(
-    device: Device, flags: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_boxes_that_share_a_buffer_change_nothing(device: Device, flags: dict[str, Any]) -> None:
     """A box that both orders share, as sources and emission change from sweep to sweep."""
     results = []
-    for apart in (1.0, 0.0):
-        monkeypatch.setattr(sweep_module, "_APART", apart)
-        sweeper = sweeper_of(device, flags)
-        assert sweeper._apart == bool(apart)
+    for memory_bytes in (10**9, 0):
+        info = replace(device.info, memory_bytes=memory_bytes)
+        sweeper = sweeper_of(replace(device, info=info), flags)
+        assert sweeper.boxes.apart == bool(memory_bytes)
         rng = np.random.default_rng(2)
         rays, out = sweeper.rays(isotropic(8, rng), rng.random((8, 2))), sweeper.unset_light(1)
         for cavity in (False, True, False):

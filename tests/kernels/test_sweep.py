@@ -267,13 +267,16 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     even = {name: value for name, value in defines.items() if name != "SPATIAL_MOMENTS"}
     towards = build(device, "sweep.cl", {**defines, **flags})
     seen_there = build(device, "sweep.cl", {**even, **flags, "VIEW_TRANSMISSION": 1})
+    nowhere: dict[str, Any] = {"phase": np.zeros(1), "place": np.zeros(4)}
     for seen in (clear, cells):
-        camera = CameraSweep.of(sweeper, towards, seen, phase=np.zeros(1), place=np.zeros(4))
+        camera = CameraSweep.of(sweeper.boxes, towards, seen, **nowhere)
         mean, discrete_to_moment = sweeper.view_weighted_mean(camera, rays)
         np.testing.assert_allclose(mean, light[0], rtol=0, atol=2e-6)  # a few roundings of 12 rays
         assert discrete_to_moment is not None
         np.testing.assert_allclose(discrete_to_moment, more, atol=5e-5)  # twelve times as much
-        camera = CameraSweep.of(sweeper, seen_there, seen, phase=np.zeros(1), place=np.zeros(4))
+        camera = CameraSweep.of(
+            sweeper.boxes, seen_there, seen, phase=np.zeros(1), place=np.zeros(4)
+        )
         mean, _ = sweeper.view_weighted_mean(camera, rays)
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
 
@@ -317,7 +320,7 @@ def test_blurred_boundary_against_numpy(
         upload(device, "maps", maps.astype(np.float32)),
         upload(device, "frames", frames.astype(np.float32)),
     )
-    camera = CameraSweep.of(sweeper, program, whole, phase=np.zeros(1), place=np.zeros(4))
+    camera = CameraSweep.of(sweeper.boxes, program, whole, phase=np.zeros(1), place=np.zeros(4))
     got, more = sweeper.view_weighted_mean(
         camera, sweeper.rays(directions, starts), blurred=blurred
     )

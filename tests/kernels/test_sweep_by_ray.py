@@ -96,7 +96,7 @@ def swept(
             )
         classes = rng.random((variant.get("PHASE_CLASSES", 1), len(cells.depth)))
         camera = CameraSweep.of(
-            sweeper,
+            sweeper.boxes,
             program,
             cells,
             phase=rng.uniform(0.5, 2.0, len(classes) * PHASE_STEPS),
