@@ -11,7 +11,6 @@ from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.program import Program
 from cldit.transport.cells import OpticalCells, mean_transmission
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder
-from cldit.transport.discrete_ordinates.cell_packets import turned_too
 from cldit.transport.discrete_ordinates.swept_boxes import SweptBoxes
 
 
@@ -62,21 +61,13 @@ class CameraSweep:
         if "BLURRED_BOUNDARY" in program.defines:
             views["whole_depth"] = medium.depth
         for name, values in views.items():
-            dense = turned_too(medium.dense(box, values.astype(real)))
+            dense = medium.dense(box, values.astype(real))
             for turned, cell_packets in packets.items():
-                seen[turned][name] = upload(
-                    device, "optical depth", cell_packets.packed(dense[turned])
-                )
+                seen[turned][name] = upload(device, "optical depth", cell_packets.packed(dense))
         if classes is not None:
-            dense_shares = [
-                turned_too(medium.dense(box, class_share.astype(real)))
-                for class_share in classes[1:]
-            ]
+            shares = [medium.dense(box, class_share.astype(real)) for class_share in classes[1:]]
             for turned, cell_packets in packets.items():
-                packed = np.stack(
-                    [cell_packets.packed(class_share[turned]) for class_share in dense_shares],
-                    axis=1,
-                )
+                packed = np.stack([cell_packets.packed(share) for share in shares], axis=1)
                 seen[turned]["class_shares"] = upload(device, "size classes", packed)
         return cls(
             program=program,

@@ -16,9 +16,9 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cells import OpticalCells, mean_transmission
+from cldit.transport.discrete_ordinates.cell_packets import Real
 from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
-from cldit.transport.discrete_ordinates.sweep_arrays import Real
 
 
 class ScatteredSource:

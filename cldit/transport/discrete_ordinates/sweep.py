@@ -18,15 +18,14 @@ from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.boundary import NONE, shifted
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.axis_order import axis_orders
-from cldit.transport.discrete_ordinates.blurred_boundary import BlurredBoundary
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
+from cldit.transport.discrete_ordinates.cell_packets import Real
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gradients import Gradients
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.scattering_cells import BOTH, Boxes
 from cldit.transport.discrete_ordinates.source_update import ScatteredSource
-from cldit.transport.discrete_ordinates.sweep_arrays import Real
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
 from cldit.transport.discrete_ordinates.swept_boxes import SweptBoxes
 from cldit.transport.tuning import Tuning
@@ -101,13 +100,7 @@ class Sweeper(ScatteredSource):
         self.gradients = (
             Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
         )
-        self._neighbours: dict[str, Any] = {}
-        if self.gradients is not None:
-            weights = self.gradients.weights.astype(self.real)
-            self._neighbours = {
-                "neighbours": upload(device, "neighbours", self.gradients.neighbours),
-                "weights": upload(device, "neighbours' weights", weights),
-            }
+        self._neighbours = {} if self.gradients is None else self.gradients.upload(device, real)
 
     def _take_rays(self) -> None:
         """Sets how many ordinates are swept together, with room for their rays."""
@@ -120,7 +113,7 @@ class Sweeper(ScatteredSource):
             for layout in axis_orders(self.box.shape).values()
         )
         fit = self._together // (ray_values * np.dtype(self.real).itemsize)
-        # The first 32 ordinates hide the launches; more would only need more memory for rays.
+        # More than 32 ordinates of a schedule would need more memory for rays.
         self._together = max(1, min(32, fit))
         self._rays = {"rays": zeros(self.device, "rays", self._together * ray_values, self.real)}
         # Equal for all partitions of a device, so that sums are bit-identical. Cells and rays of 16
@@ -152,11 +145,11 @@ class Sweeper(ScatteredSource):
                 self.device.queue, self.source, source_list, byte_count=source_list.size
             )
         if gradient is not None:
-            boxes = {turned: order.gradient for turned, order in self.boxes.orders.items()}
+            boxes = {turned: packets.gradient for turned, packets in self.boxes.packets.items()}
             sizes = {"planes": 3 * self.components, "count": len(self.linear_cells)}
             self._cells.put(self.listed(gradient), boxes, self.boxes.linear_places, BOTH, **sizes)
         if self._neighbours:
-            straight, turned = self.boxes.orders[False], self.boxes.orders[True]
+            straight, turned = self.boxes.packets[False], self.boxes.packets[True]
             self._cells.run(
                 "set_gradients",
                 {"count": self.count},
@@ -293,18 +286,18 @@ class Sweeper(ScatteredSource):
                 shining=self._shining,
                 cavity=cavity,
             )
-            for order in (self.boxes.orders[turned] for turned in orders):
-                box, turned = i_minus_s[order.turned], order.turned
-                clear(self.device, box, planes * order.packets.cells, sum_type)
+            for packets in (self.boxes.packets[turned] for turned in orders):
+                box, turned = i_minus_s[packets.turned], packets.turned
+                clear(self.device, box, planes * packets.cells, sum_type)
                 box_arguments = {
                     "i_minus_s": box,
-                    **({"gradient": order.gradient} if linear else {}),
+                    **({"gradient": packets.gradient} if linear else {}),
                 }
                 if spatial is not None:
                     box_arguments["spatial_moments"] = spatial[0][turned]
-                    clear(self.device, spatial[0][turned], 3 * order.linear_size, sum_type)
+                    clear(self.device, spatial[0][turned], 3 * packets.linear_size, sum_type)
                 if camera is not None:
-                    clear(self.device, camera.shares[turned], order.packets.cells, sum_type)
+                    clear(self.device, camera.shares[turned], packets.cells, sum_type)
                 for schedule, tables, basis in rays.sweep_schedules:
                     if schedule.layout.turned is not turned:
                         continue
@@ -325,7 +318,7 @@ class Sweeper(ScatteredSource):
 
     def _spatial_room(self) -> tuple[Boxes, Any]:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
-        sizes = {turned: 3 * order.linear_size for turned, order in self.boxes.orders.items()}
+        sizes = {turned: 3 * packets.linear_size for turned, packets in self.boxes.packets.items()}
         listed = 3 * self.components * len(self.linear_cells)
         boxes = {
             t: unset(self.device, "I - S", size, self.boxes.sum_type) for t, size in sizes.items()
@@ -340,13 +333,13 @@ class Sweeper(ScatteredSource):
         `arguments` are added to those of box and boundary.
         """
         layout = schedule.layout
-        order = self.boxes.orders[layout.turned]
+        packets = self.boxes.packets[layout.turned]
         nu, nv, nl = (int(count) for count in layout.size)
         shared = {
             "slots": int(layout.slots),
-            "packets": order.rows,
-            "begins": order.begins,
-            "depth": order.depth,
+            "packets": packets.rows,
+            "begins": packets.begins,
+            "depth": packets.depth,
             "source": self.boxes.source[layout.turned],
             "layout": int(layout.number),
             "nu": nu,
@@ -362,7 +355,7 @@ class Sweeper(ScatteredSource):
         if self._by_ray:
             size = (int(layout.slots), int(layout.ray_rows), len(schedule))
             group = min(32, program.largest_group("sweep"))  # neighbouring rays of a row
-            shared["places"] = order.packets.number.shape[1]
+            shared["places"] = packets.number.shape[1]
             program.launch("sweep", size, (group, 1, 1), shared)
             return
         program.launch_each(
@@ -407,18 +400,17 @@ class Sweeper(ScatteredSource):
         camera: CameraSweep,
         rays: DeviceOrdinates,
         interfaces: InterfaceRadiance | None = None,
-        blurred: BlurredBoundary | None = None,
+        blurred: Mapping[str, Any] | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """Sweeps all ordinates for the mean radiance (C, N) with the camera's weights.
 
-        `interfaces` receives the stored radiance, with INTERFACE_RADIANCE; `blurred` is the
-        boundary along these ordinates, with BLURRED_BOUNDARY. The second result is the gradient as
-        in `moments`.
+        `interfaces` receives the stored radiance, with INTERFACE_RADIANCE; `blurred`, of
+        `upload_blurred`, is the boundary along these ordinates, with BLURRED_BOUNDARY. The second
+        result is the gradient as in `moments`.
         """
         room = (self._i_minus_s, self._listed, self.components)
-        extra = {} if blurred is None else blurred.arguments
         gradient = self._sweep_all(
-            camera.program, rays, True, *room, camera, interfaces=interfaces, extra=extra
+            camera.program, rays, True, *room, camera, interfaces=interfaces, extra=blurred
         )
         self._cells.run(
             "weighted_mean",
@@ -428,8 +420,8 @@ class Sweeper(ScatteredSource):
             listed=self.source,
             shares=camera.shares[False],
             shares_turned=camera.shares[True],
-            place=self.boxes.orders[False].place,
-            turned=self.boxes.orders[True].place,
+            place=self.boxes.packets[False].place,
+            turned=self.boxes.packets[True].place,
         )
         mean = self._cells.read(self._out)
         if gradient is None:

@@ -6,14 +6,13 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import clear, unset
 from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells, SweptBox
-from cldit.transport.discrete_ordinates.cell_packets import CellPackets
+from cldit.transport.discrete_ordinates.cell_packets import CellPackets, Real
 from cldit.transport.discrete_ordinates.scattering_cells import (
     BOTH,
     Boxes,
     Orders,
     ScatteringCells,
 )
-from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
 
 
 class SweptBoxes:
@@ -21,7 +20,7 @@ class SweptBoxes:
 
     Rays along x traverse rows of memory as those along y and z do.
 
-    packets, orders: packets of either order, and their arrays.
+    packets: of either order.
     apart: either order has a box of its own; else they share one, as memory is short.
     source: box of the source, with all of its planes.
     real, sum_type: types of a source, and of the sums of a sweep.
@@ -39,28 +38,23 @@ class SweptBoxes:
         linear_cells: NDArray[np.intp],
         by_ray: bool,
     ) -> None:
-        """Uploads `cells`, with room for `planes` of the source; arguments as of `SweepArrays`."""
+        """Uploads `cells`, with room for `planes` of the source.
+
+        Other arguments are those of `CellPackets.of`.
+        """
         self.device, self.box, self.real, self.sum_type = device, box, real, sum_type
         self._planes = planes
-        self.packets = CellPackets.both(cells, box)
-        self.orders = {
-            turned: SweepArrays.of(
-                device,
-                cells,
-                box,
-                packets,
-                real,
-                turned=turned,
-                linear_cells=linear_cells,
-                by_ray=by_ray,
+        self.packets = {
+            turned: CellPackets.of(
+                device, cells, box, real, turned=turned, linear_cells=linear_cells, by_ray=by_ray
             )
-            for turned, packets in self.packets.items()
+            for turned in BOTH
         }
-        self.places = {turned: order.place for turned, order in self.orders.items()}
-        self.linear_places = {turned: o.gradient_place for turned, o in self.orders.items()}
+        self.places = {turned: packets.place for turned, packets in self.packets.items()}
+        self.linear_places = {turned: p.gradient_place for turned, p in self.packets.items()}
         number_bytes = np.dtype(real).itemsize + np.dtype(sum_type).itemsize
         packed_bytes = sum(packets.cells for packets in self.packets.values()) * number_bytes
-        # Two boxes of 9 planes of source and of sums beside the rest of a trace's memory.
+        # Up to a 32nd of the memory either order has a box of its own, for source and for sums.
         self.apart = packed_bytes * planes < device.info.memory_bytes / 32
         self.source = self.unset("source", planes, real)
         self._emission: tuple[bool, bool] | None = None
@@ -81,15 +75,15 @@ class SweptBoxes:
         `cavity` they emit 1. A box of its own keeps that emission from sweep to sweep.
         """
         if not self.apart or self._emission != (shining, cavity):
-            for order in (self.orders[turned] for turned in orders):
-                box = self.source[order.turned]
-                clear(self.device, box, self._planes * order.packets.cells, self.real)
+            for packets in (self.packets[turned] for turned in orders):
+                box = self.source[packets.turned]
+                clear(self.device, box, self._planes * packets.cells, self.real)
                 if emits and shining:
                     listed.run(
                         "emit",
-                        {"packets": len(order.packets)},
+                        {"packets": packets.count},
                         source=box,
-                        thermal=order.thermal,
+                        thermal=packets.thermal,
                         cavity=int(cavity),
                         planes=self._planes,
                     )
