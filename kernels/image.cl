@@ -181,24 +181,9 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
 #define MEDIUM \
     {directory, span, number, records, GRADIENTS {coarse, bricks, low, high}, BOUNDARY, cutoff}
 
-/* The image of one ray a pixel. planes, out: [plane][row][column]. */
-__kernel void image(__global real *planes, ARGUMENTS)
-{
-    const int column = get_global_id(0);
-    const int row = get_global_id(1);
-    if (column >= columns || row >= rows) return;
-    const Medium medium = MEDIUM;
-    const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
-    real sum[PLANES];
-    for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
-    formal_solution(sum, &ray, &medium);
-    const int pixel = row * columns + column;
-    for (int c = 0; c < PLANES; ++c) planes[in_table(c, rows * columns, pixel)] = sum[c];
-}
-
 /* The mean of rays through each listed pixel. places: [right, down] in it, 0 to 1 in focus, and points of
    the aperture, as in ray.h; ranges: first and number of each pixel's. planes, out: [plane][list]. */
-__kernel void refine(
+__kernel void image(
     __global real *planes, __global const int *list, const int count, __global const real4 *places,
     __global const int2 *ranges, ARGUMENTS)
 {

@@ -98,11 +98,7 @@ class Program:
         """
         kernel_object, signature = self._kernel(kernel)
         kernel_object.set_args(*signature.values(arguments))
-        global_size = size
-        if group is not None:
-            global_size = tuple(
-                -(-items // width) * width for items, width in zip(size, group, strict=True)
-            )
+        global_size = _whole_groups(size, group)
         cl.enqueue_nd_range_kernel(self.device.queue, kernel_object, global_size, group, offset)
         self.watched(kernel, arguments)
 
@@ -151,11 +147,7 @@ class Program:
         signature = self._kernel(kernel)[1]
         kernel_object = cl.Kernel(self.built.program, kernel)
         kernel_object.set_args(*signature.values(arguments))
-        global_size = size
-        if group is not None:
-            global_size = tuple(
-                -(-items // width) * width for items, width in zip(size, group, strict=True)
-            )
+        global_size = _whole_groups(size, group)
         return Launch(
             self, self.device.queue, kernel_object, signature, global_size, group, dict(arguments)
         )
@@ -176,6 +168,13 @@ class Program:
                 signatures[name] = Signature.of(kernel_object, arguments[name], handle, self.real)
             kernels[name] = kernel_object, signatures[name]
         return kernels[name]
+
+
+def _whole_groups(size: tuple[int, ...], group: tuple[int, ...] | None) -> tuple[int, ...]:
+    """Numbers of work-items, rounded up to whole groups."""
+    if group is None:
+        return size
+    return tuple(-(-items // width) * width for items, width in zip(size, group, strict=True))
 
 
 def _literal(value: Define) -> str:

@@ -34,11 +34,7 @@ POINTWISE_K = 0.002  # from this k on, entries are values at single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
 FEW = 256  # different diameters that are solved one by one below it
 _STEP = 3.3e-4  # in ln x; the errors above are those of linear interpolation between such steps
-_SPLINED = (0.015, 8)  # from this k / n on, steps from one solution to the next, splined between
-_SAMPLES = {0.0005: 2, 0.0: 8}  # of a step where means are taken, from k on: narrower resonances
-_MOST_SAMPLES = 6e5  # 2 span n / k of a mean at n = 1.4 and k = 1e-7, see `resolved`
 _SECOND_PROGRAM = 1e-6  # relative; both agree to 1e-8 above |m| x = 0.1 (test_miepython_agrees)
-_NOTHING = 1e-9  # efficiency below which a droplet is as good as absent, as at n = 1, k = 0
 
 
 @dataclass(frozen=True)
@@ -180,7 +176,8 @@ def check_by_miepython(*, n: float, k: float, largest_x: float) -> None:
         ("Q_sca", solved.scattering, scattering),
         ("g Q_sca", solved.asymmetry * solved.scattering, asymmetry * scattering),
     ):
-        scale = np.maximum(np.maximum(extinction, np.abs(reference)), _NOTHING)
+        # Below an efficiency of 1e-9 a droplet is as good as absent, as at n = 1, k = 0.
+        scale = np.maximum(np.maximum(extinction, np.abs(reference)), 1e-9)
         difference = np.abs(values - reference) / scale
         if not np.all(difference <= _SECOND_PROGRAM):
             worst = int(np.argmax(difference))
@@ -200,7 +197,8 @@ def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
     step = (end - start) / (count - 1)
     if k >= POINTWISE_K:
         # Absorption k makes every feature wider than k / n in ln x.
-        smooth, coarser = _SPLINED
+        # From k / n = 0.015 on, every eighth step is solved and splined between.
+        smooth, coarser = 0.015, 8
         entries = np.arange(count)[:: coarser if k >= smooth * n else 1]
         entries = np.union1d(entries, [count - 1])
         x = np.exp(start + step * entries)
@@ -210,7 +208,8 @@ def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
             for column in solved
         )
     else:
-        finer = next(samples for least_k, samples in _SAMPLES.items() if k >= least_k)
+        # Resonances of smaller k are narrower, and have more samples of a step.
+        finer = next(samples for least_k, samples in {0.0005: 2, 0.0: 8}.items() if k >= least_k)
         beyond = int(np.ceil(AVERAGED / step)) * finer
         samples = np.arange(-beyond, (count - 1) * finer + beyond + 1)
         x = np.exp(start + step / finer * samples)
@@ -239,7 +238,8 @@ def resolved(*, n: float, k: float, span: float, minimum: int) -> int:
     With two per half width k / n, means of Mie's solutions are exact. Below k = 1e-7 that is too
     many, and `mie.efficiencies` needs the spacing. `minimum` is the smallest number.
     """
-    return max(minimum, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else minimum)
+    # 6e5 is 2 span n / k of a mean at n = 1.4 and k = 1e-7.
+    return max(minimum, int(min(2.0 * span * n / k, 6e5)) if k > 0 else minimum)
 
 
 def table_error(table: DropletTable, *, samples: int = 400) -> tuple[float, float, float]:

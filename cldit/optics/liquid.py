@@ -11,7 +11,6 @@ constant dn/dT; these bands have not been measured at the temperatures of a spra
 """
 
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any, Literal
 
 import numpy as np
@@ -21,12 +20,9 @@ from numpy.typing import ArrayLike
 from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.io.plain_data import parse_yaml
+from cldit.optics.shipped import content, shipped
 
 Status = Literal["measured", "estimate", "user"]
-
-_DATA = "cldit.optics.data"
-_PREFIX = "liquid-"
-_REFERENCE_PER_CM = 3000.0  # at which the background's n is c0 + c1 + c2; about the C-H band
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,8 @@ class Bands:
         band = scipy.special.wofz((number - centre + 1j * lorentz) / scale)
         mirror = scipy.special.wofz((number + centre + 1j * lorentz) / scale)
         response = np.sum(height * (band - mirror), axis=-1)
-        ratio = (1e4 / _REFERENCE_PER_CM / wavelength_um) ** 2
+        # The background's n is c0 + c1 + c2 at 3000 1/cm, about the C-H band.
+        ratio = (1e4 / 3000.0 / wavelength_um) ** 2
         c0, c1, c2 = self.background
         return c0 + c1 * ratio + c2 / ratio - response.imag, np.maximum(response.real, 0.0)
 
@@ -120,9 +117,7 @@ class Liquid:
 
 def liquids() -> tuple[str, ...]:
     """Names of the shipped liquids."""
-    names = (entry.name for entry in resources.files(_DATA).iterdir())
-    ours = (name for name in names if name.startswith(_PREFIX) and name.endswith(".yaml"))
-    return tuple(sorted(name[len(_PREFIX) : -len(".yaml")] for name in ours))
+    return shipped("liquid")
 
 
 def liquid(name: str) -> Liquid:
@@ -132,8 +127,7 @@ def liquid(name: str) -> Liquid:
             f"{name}: no refractive index is shipped; allowed: {', '.join(liquids())}, "
             "or a table in a file"
         )
-    file = resources.files(_DATA).joinpath(f"{_PREFIX}{name}.yaml")
-    data: dict[str, Any] = parse_yaml(file.read_text(encoding="utf-8"), source=name)
+    data: dict[str, Any] = parse_yaml(content(f"liquid-{name}.yaml"), source=name)
     c0, c1, c2 = data["background"]
     density = data["density"]
     model = Bands(

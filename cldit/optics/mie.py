@@ -19,7 +19,6 @@ Complex = NDArray[np.complex128]
 SIZE_PARAMETERS = (1e-4, 1e4)
 LARGEST_K = 10.0
 _SMALL = 1.0  # of x
-_SEEN = 1.5  # spacings of half a width: a sum over a Lorentzian is then right to 2 exp(-3 pi)
 _BYTES = 64e6  # of the coefficients of one part of the sizes
 
 
@@ -136,7 +135,8 @@ def _inner(m: complex, x: Floats, highest: int) -> Complex:
 
 def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
     m = complex(n, k)  # the sign of k is that of exp(-i w t); only moduli and real parts are used
-    broad = complex(n, max(k, _SEEN * spacing * n))
+    # 1.5 spacings of half a width: a sum over a Lorentzian is then right to 2 exp(-3 pi).
+    broad = complex(n, max(k, 1.5 * spacing * n))
     count = np.array([terms(size) for size in x])
     highest = int(count.max())
     inner = _inner(m, x, highest)

@@ -22,7 +22,6 @@ from cldit.optics.droplets import SMALLEST_M
 
 _SIZES = 192  # steps of 0.048 in ln d, from 0.05 um to 500 um
 _WITHIN = 8  # samples from one size of the table to the next
-_FEWEST = 181  # cosines, one a degree in the mean
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,8 @@ def _solve(*, wavelength_um: float, n: float, k: float, largest_m: float) -> Arr
     x = np.pi * diameter * 1e6 / wavelength_um
     mie.check(n=n, k=k, x=x)
     _check_scatters(n=n, k=k)
-    cosine, weights = leggauss(max(mie.terms(float(x[-1])) + 1, _FEWEST))
+    # At least one cosine a degree in the mean.
+    cosine, weights = leggauss(max(mie.terms(float(x[-1])) + 1, 181))
     front = (wavelength_um * 1e-6 / (2 * np.pi)) ** 2  # intensity / wavenumber^2 is dC / d omega
     hat = 1 - np.abs(np.arange(-_WITHIN + 1, _WITHIN)) / _WITHIN
     hat /= hat.sum()

@@ -25,10 +25,8 @@ from cldit.constants import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.io.free_memory import parts
 from cldit.optics.response import Filter, cut, edges_um
 
-_REACH = 50.0  # in x beyond the long edge: exp(-50) = 2e-22 of the integrand is left
 _SPAN = (1e-8, 2000.0)  # x of the inverse's table; float64 radiance ends near x = 850
 _NODES = 16384  # cubic Hermite: (26 / 16384)^4 * 6 / 384 = 1e-13
-_FEW = 4096  # temperatures that are integrated one by one; more are read from a table
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,8 @@ def _log_band(temperature_K: Floats, pieces: tuple[_Piece, ...]) -> tuple[Floats
     total, rise = np.zeros_like(start_longest), np.zeros_like(start_longest)
     for piece in pieces:
         start = SECOND_RADIATION_CONSTANT_m_K / (piece.long * temperature_K)
-        width = np.minimum(start * (piece.long / piece.short - 1.0), _REACH)
+        # Beyond x = 50 from the long edge exp(-50) = 2e-22 of the integrand is left.
+        width = np.minimum(start * (piece.long / piece.short - 1.0), 50.0)
         # exp(-t) over a width w is exact to 1e-15 from n = 9 + 0.8 w nodes on.
         nodes, weights = _legendre(9 + int(0.8 * np.max(width, initial=0.0)))
         beyond = width[:, None] * nodes
@@ -146,7 +145,8 @@ def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> Fl
         steep = sum(_steepness(piece) for piece in pieces)
         out[np.isposinf(flat)] = 2.0 * LIGHT_SPEED_m_s / SECOND_RADIATION_CONSTANT_m_K * steep
     usable = np.flatnonzero(np.isfinite(flat) & (flat > 0.0))
-    tabulated = usable.size > _FEW
+    # More temperatures are read from a table.
+    tabulated = usable.size > 4096
     for chosen in parts(usable.size):  # at up to 49 nodes each array has 26 MB
         part = usable[chosen]
         # At a subnormal temperature x overflows to infinity; a picokelvin has B = 0 as well.

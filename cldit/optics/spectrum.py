@@ -23,10 +23,6 @@ from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
 
 _STEP_per_cm = 2.0  # a sixth of the narrowest bands of n-heptane, liquid and vapour
-_MOST = 400  # samples of a filter: 800 1/cm at that step, wider filters have wider steps
-_GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
-_VAPOUR_KNOTS = 5  # temperatures of the vapour, between which its absorption is linear
-_LIQUID_SPAN_K = 5.0  # k follows the density, 0.15 %/K and nearly straight: two ends suffice
 
 
 def fuel_of(scene: Scene, spray: Spray) -> str:
@@ -90,7 +86,8 @@ class Spectrum:
         vapour_K, vapour = np.zeros(0), np.zeros((0, count))
         if band is not None and spray.vapour is not None:
             present_K = spray.vapour.temperature_K[spray.vapour.number_density_m3 > 0]
-            vapour_K = _knots(present_K, _VAPOUR_KNOTS)
+            # Absorption is linear between five temperatures of the vapour.
+            vapour_K = _knots(present_K, 5)
             pressure = getattr(
                 getattr(scene.spray, "ambient", None), "pressure_Pa", STANDARD_ATMOSPHERE_Pa
             )
@@ -99,7 +96,8 @@ class Spectrum:
         n = k = np.zeros((0, len(part)))
         if substance is not None and spray.parcels is not None:
             present_K = spray.parcels.temperature_K[spray.parcels.droplets > 0]
-            wide = present_K.size and np.ptp(present_K) > _LIQUID_SPAN_K
+            # k follows the density, 0.15 %/K and nearly straight: two ends suffice.
+            wide = present_K.size and np.ptp(present_K) > 5.0
             liquid_K = _knots(present_K, 2 if wide else 1)
             middles = (edges[1:] + edges[:-1]) / 2.0
             index = [substance.index(middles, float(each_K)) for each_K in liquid_K]
@@ -127,7 +125,8 @@ def _edges(filter_um: Filter, vapour: VapourBand | None) -> Floats:
         ]
         number = np.array([low_per_cm, *bounds, high_per_cm])
     else:
-        count = int(np.clip(np.ceil((high_per_cm - low_per_cm) / _STEP_per_cm), 16, _MOST))
+        # 400 samples are 800 1/cm at that step; wider filters have wider steps.
+        count = int(np.clip(np.ceil((high_per_cm - low_per_cm) / _STEP_per_cm), 16, 400))
         number = np.linspace(low_per_cm, high_per_cm, count + 1)
     edges = 1e4 / number[::-1]
     edges[0], edges[-1] = low, high
@@ -149,8 +148,9 @@ def _vapour(
         # Moved inwards by rounding, so that one bin does not count as two.
         inner = (float(low) * (1.0 + 1e-9), float(high) * (1.0 - 1e-9))
         groups = [
+            # 16 groups in every 25 1/cm: 3.5e-3 of transmission at worst.
             band.k_distribution(
-                inner, temperature_K=float(each_K), pressure_Pa=pressure_Pa, points=_GROUPS
+                inner, temperature_K=float(each_K), pressure_Pa=pressure_Pa, points=16
             )
             for each_K in temperature_K
         ]

@@ -17,7 +17,6 @@ with dz = S / k du / pi: periodic and analytic in u, so equal steps in u converg
 
 import csv
 from dataclasses import dataclass, replace
-from importlib import resources
 from typing import Any, Literal
 
 import numpy as np
@@ -27,14 +26,11 @@ from cldit.arrays import Floats
 from cldit.constants import STANDARD_ATMOSPHERE_Pa
 from cldit.errors import OpticsError
 from cldit.io.plain_data import parse_yaml
+from cldit.optics.shipped import content, shipped
 
 Status = Literal["measured", "estimate", "user"]
 
-_DATA = "cldit.optics.data"
-_PREFIX = "vapour-"
 _SAMPLES = 4000  # wavelengths over a filter
-_CLASSES = 400  # of ln k, from which the groups of a k-distribution are made
-_WEAKEST = 1e-5  # of the mean: absorbs 0.1 % where the mean's optical depth is 100
 
 
 @dataclass(frozen=True)
@@ -197,8 +193,10 @@ def _grouped(k: Floats, share: Floats, points: int) -> KDistribution:
     if mean <= 0 or points == 1 or k[-1] <= k[0] * (1 + 1e-12):
         return KDistribution(np.ones(1), np.array([mean]))
     groups = points // 2
-    log = np.log(np.maximum(k, _WEAKEST * mean))
-    held, edges = np.histogram(log, bins=_CLASSES, weights=share)
+    # 1e-5 of the mean absorbs 0.1 % where the mean's optical depth is 100.
+    log = np.log(np.maximum(k, 1e-5 * mean))
+    # Groups are made from 400 classes of ln k.
+    held, edges = np.histogram(log, bins=400, weights=share)
     rise = np.concatenate([[0.0], np.cumsum(np.cbrt(held))])
     bounds = np.interp(np.linspace(0, rise[-1], groups + 1)[1:-1], rise, edges)
     group = np.searchsorted(bounds, log)
@@ -225,9 +223,7 @@ def _grouped(k: Floats, share: Floats, points: int) -> KDistribution:
 
 def vapours() -> tuple[str, ...]:
     """Names of the shipped vapours."""
-    names = (entry.name for entry in resources.files(_DATA).iterdir())
-    ours = (name for name in names if name.startswith(_PREFIX) and name.endswith(".yaml"))
-    return tuple(sorted(name[len(_PREFIX) : -len(".yaml")] for name in ours))
+    return shipped("vapour")
 
 
 def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand:
@@ -242,12 +238,8 @@ def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand
             f"{species}: no vapour absorption is shipped; allowed: {', '.join(vapours())}, or a "
             "file of HITRAN cross sections (.xsc)"
         )
-    folder = resources.files(_DATA)
-    content = folder.joinpath(f"{_PREFIX}{species}.yaml").read_text(encoding="utf-8")
-    data: dict[str, Any] = parse_yaml(content, source=species)
-    lines = csv.reader(
-        folder.joinpath(f"{_PREFIX}{species}.csv").read_text(encoding="utf-8").splitlines()
-    )
+    data: dict[str, Any] = parse_yaml(content(f"vapour-{species}.yaml"), source=species)
+    lines = csv.reader(content(f"vapour-{species}.csv").splitlines())
     rows_K = np.array([float(cell) for cell in next(lines)[1:]])
     columns = np.array([[float(cell) for cell in line] for line in lines])
     low, high = data["wavenumber_per_cm"]

@@ -41,7 +41,6 @@ Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more
 PAPER_UM = (3.3, 3.5)  # filter of the paper, whose constants are means over it
-_NEAR_UM = 0.1  # beyond that filter the C-H band has other constants
 _TYPICAL = 12  # lines of sight that groups are made by
 
 
@@ -103,7 +102,8 @@ def elsewhere(scene: Scene, spray: Spray) -> tuple[str, ...]:
             f"{high:g} um; optical properties are those of that wavelength"
         )
     kept = _kept(optics, spray)
-    beyond = max(PAPER_UM[0] - low, high - PAPER_UM[1]) > _NEAR_UM
+    # Further than 0.1 um beyond the paper's filter the C-H band has other constants.
+    beyond = max(PAPER_UM[0] - low, high - PAPER_UM[1]) > 0.1
     foreign = any(key in kept for key in ("n", "k")) and not (
         PAPER_UM[0] <= optics.wavelength_um <= PAPER_UM[1]
     )

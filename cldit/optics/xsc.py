@@ -15,9 +15,6 @@ from cldit.errors import FileError, OpticsError
 from cldit.io.files import read_text
 from cldit.optics.vapour import VapourBand
 
-_M2_MOL = 1e-4 * AVOGADRO_PER_MOL  # of 1 cm2 per molecule
-_NOISE = 0.02  # of the largest value: negative cross sections up to this are taken as 0
-
 
 def read_xsc(path: Path) -> VapourBand:
     """Reads the absorption of a vapour, linear between the points of the file.
@@ -63,7 +60,8 @@ def read_xsc(path: Path) -> VapourBand:
         else (float(temperatures[0]), float(temperatures[-1])),
         number_per_cm=number,
         rows_K=temperatures,
-        table_m2_mol=np.array(table) * _M2_MOL,
+        # The file has cm2 per molecule.
+        table_m2_mol=np.array(table) * (1e-4 * AVOGADRO_PER_MOL),
     )
 
 
@@ -90,7 +88,8 @@ def _block(lines: list[str], at: int, path: Path) -> tuple[tuple[float, str, Flo
         raise OpticsError(f"{path}: after line {at + 1}: {error}") from None
     if len(values) < count:
         raise OpticsError(f"{path}: line {at + 1} has {count} points, {len(values)} were found")
-    if not np.all(np.isfinite(values)) or values.min() < -_NOISE * max(values.max(), 0.0):
+    # Negative cross sections are noise up to 2 % of the largest, and taken as 0.
+    if not np.all(np.isfinite(values)) or values.min() < -0.02 * max(values.max(), 0.0):
         raise OpticsError(f"{path}: after line {at + 1}: cross sections not finite, or negative")
     number = np.linspace(low, high, count)
     block = temperature, head[:20].strip(), number, np.maximum(values, 0.0)

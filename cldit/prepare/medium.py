@@ -291,8 +291,7 @@ def prepare(
 
     Args:
         spray: that of the scene, where it is there already.
-        spec: the scene's spray with chosen classes of size, lattice or gas cells; None: the
-            scene's own.
+        spec: the scene's spray with what was chosen for it; None: the scene's own.
         cube_m: edge of the cube whose cells are the cone's lattice; None: cells are as the scene
             has them.
         spectral_K: error of T_app that the wavelengths may leave; None: as the scene has it.
@@ -307,25 +306,19 @@ def prepare(
         stages.remark(misfits(scene, spray))
     with stages.stage("optics") as note:
         properties = properties_of(scene, spray, cache=cache, tolerance_K=spectral_K)
-        count = len(properties.sources)
+        count, sources = len(properties.sources), properties.sources[0]
         note.append(f"{count} wavelength{'s' if count > 1 else ''}")
         stages.remark(properties.remarks)
     phase = any(table is not None for table in (*properties.phases, properties.paper_phase))
     sweeps = scene.transport.method == "source"
-    limit = cells_that_fit(device, wavelengths=len(properties.sources), phase=phase, sweeps=sweeps)
+    limit = cells_that_fit(device, wavelengths=count, phase=phase, sweeps=sweeps)
     if cube_m is not None:
         assert isinstance(spec, ConeSpray)
-        cube, frame = lattice_frames(
-            scene.domain, properties.sources[0], edge_m=cube_m, spacing_m=spec.lattice_m
-        )
+        spacing_m = spec.lattice_m
+        cube, frame = lattice_frames(scene.domain, sources, edge_m=cube_m, spacing_m=spacing_m)
     else:
-        frame, remarks = chosen_frame(
-            scene.domain,
-            properties.sources[0],
-            device,
-            limit=limit,
-            voxels=isinstance(scene.spray, GridSpray),
-        )
+        voxels = isinstance(scene.spray, GridSpray)
+        frame, remarks = chosen_frame(scene.domain, sources, device, limit=limit, voxels=voxels)
         cube = frame
         if isinstance(scene.spray, GridSpray) or not scene.transport.audit:
             stages.remark(remarks)  # else the run chooses cells by their error

@@ -10,8 +10,6 @@ from cldit.constants import AVOGADRO_PER_MOL
 from cldit.io.vtk_files import VOXEL, Grid, Points, write_xml
 from cldit.spray.result import Parcels, Spray
 
-_CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)])
-
 
 def parcel_points(parcels: Parcels) -> Points:
     """Points of the parcels in m; those that share a box fill it uniformly.
@@ -36,7 +34,11 @@ def write_vtk(spray: Spray, folder: Path) -> list[Path]:
         cells = vapour.cells
         count = len(cells.lower_m)
         edge = cells.upper_m - cells.lower_m
-        corners = (cells.lower_m[:, None] + edge[:, None] * _CORNERS).reshape(-1, 3)
+        # Eight corners of each box.
+        corners = (
+            cells.lower_m[:, None]
+            + edge[:, None] * np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)])
+        ).reshape(-1, 3)
         fields = {
             "vapour_kg_m3": vapour.number_density_m3 * vapour.molar_mass_kg_mol / AVOGADRO_PER_MOL,
             "temperature_K": vapour.temperature_K,

@@ -18,7 +18,6 @@ from cldit.medium.frame import Cube
 from cldit.scene.vessel import Patch
 
 NONE: Floats = np.zeros((0, 4, 4))
-_UPRIGHT = 0.999  # cosine to the z axis above which a patch faces up or down
 
 
 def patch_rows(patches: Sequence[Patch], frame: Cube) -> Floats:
@@ -29,7 +28,7 @@ def patch_rows(patches: Sequence[Patch], frame: Cube) -> Floats:
     rows = np.zeros((len(patches), 4, 4))
     for row, patch in zip(rows, patches, strict=True):
         normal = np.asarray(patch.facing) / np.linalg.norm(patch.facing)
-        up = np.array([0.0, 1.0, 0.0] if abs(normal[2]) > _UPRIGHT else [0.0, 0.0, 1.0])
+        up = np.array([0.0, 1.0, 0.0] if abs(normal[2]) > 0.999 else [0.0, 0.0, 1.0])
         up -= (up @ normal) * normal
         up /= np.linalg.norm(up)
         centre = frame.to_cells(np.asarray([patch.centre_m]))[0]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cldit.arrays import Reals
 from cldit.errors import TransportError
 from cldit.gpu.buffers import download, zeros
-from cldit.gpu.device import Device, shares
+from cldit.gpu.device import shares
 from cldit.gpu.program import Program, build
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.result import Trace, TraceInput, weights_of
@@ -38,10 +38,10 @@ def trace_branching(trace_input: TraceInput, report: Callable[[str], None] | Non
         )
     trace_input.check_boundary()
     defines = {**trace_input.defines, "HIGHEST_ORDER": HIGHEST_ORDER}
-    divided = shares(trace_input.device, trace_input.view.pixels[1])
-    programs = [build(member, "branching.cl", defines) for member, _ in divided]
+    members = (trace_input.device, *trace_input.device.others)
+    programs = [build(member, "branching.cl", defines) for member in members]
     start = time.perf_counter()
-    image, started = _image(trace_input, programs, divided, settings.order)
+    image, started = _image(trace_input, programs, settings.order)
     count = int(started.sum(dtype=np.int64))
     if report is not None:
         report(f"{count} rays started by scattering")
@@ -68,19 +68,13 @@ def trace_branching(trace_input: TraceInput, report: Callable[[str], None] | Non
 
 
 def _image(
-    trace_input: TraceInput,
-    programs: list[Program],
-    divided: list[tuple[Device, range]],
-    order: int,
+    trace_input: TraceInput, programs: list[Program], order: int
 ) -> tuple[Reals, NDArray[np.uint32]]:
-    """Weights (C + 1, H, W), and the number (H, W) of rays that scattering started.
-
-    Each device of `divided` traces its rows.
-    """
+    """Weights (C + 1, H, W), and the number (H, W) of rays that scattering started."""
     cells, view, settings = trace_input.cells, trace_input.view, trace_input.settings
     columns, rows = view.pixels
     components, real = len(cells.needs.components) + 1, settings.real
-    outs = []
+    divided, outs = shares(trace_input.device, rows), []
     for program, (member, portion) in zip(programs, divided, strict=True):
         out = zeros(member, "image", components * rows * columns, real)
         rays = zeros(member, "rays", rows * columns, np.uint32)

@@ -116,7 +116,7 @@ def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | No
     tables = [] if phase is None else [table.by_half_sine(PHASE_STEPS) for table in phase.tables]
     weights = None if phase is None else class_weights(problem.medium, phase)
     return CameraSweep.of(
-        final.sweeper,
+        final.sweeper.boxes,
         problem.final_program,
         problem.medium,
         phase=np.concatenate(tables) if tables else np.zeros(1),

@@ -14,25 +14,8 @@ from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.buffers import unset, upload
 from cldit.gpu.program import GROUP, Program
 from cldit.medium.frame import CELLS_PER_BRICK
-from cldit.transport.cells import OpticalCells
+from cldit.transport.cells import OpticalCells, numbered
 from cldit.transport.linear_coefficients import device_cells
-
-
-@dataclass(frozen=True)
-class Sources:
-    """Sources of the scattering cells, for images.
-
-    listed: one (C, N) for each image; empty if nothing scatters.
-    defect: (N,) error of the mean radiance in a cavity of radiance 1.
-    spatial: sources have spatial gradients.
-    known: cells (K,) and the gradient (3, C, K) of the radiance in them, which precedes that from
-        neighbours.
-    """
-
-    listed: list[Reals]
-    defect: Floats
-    spatial: bool
-    known: tuple[Ints, Reals] | None = None
 
 
 @dataclass(frozen=True)
@@ -52,17 +35,25 @@ class CellRecords:
         absorbing = cells.depth > 0
         absorbing[cells.address] = False
         at = np.concatenate([cells.address, np.flatnonzero(absorbing)])
-        number = np.full(len(cells.depth), -1, np.int32)
-        number[at] = np.arange(len(at))
-        return cls(cells, len(at), number)
+        return cls(cells, len(at), numbered(at, len(cells.depth)))
 
     def upload(
-        self, program: Program, number: Any, sources: Sources, thick: Ints | None
+        self,
+        program: Program,
+        number: Any,
+        listed: list[Reals],
+        defect: Floats,
+        *,
+        spatial: bool,
+        thick: Ints | None = None,
+        known: tuple[Ints, Reals] | None = None,
     ) -> dict[str, Any]:
         """Writes the records on the program's device; returns arguments of the image's kernels.
 
         Args:
             program: image.cl. number: buffer of the rows.
+            listed, defect, known: as of `FormalSolution.with_sources`.
+            spatial: sources have spatial gradients.
             thick: (T,) the scattering cells that the final gather refines, with GATHER.
         """
         device, real, needs = program.device, program.real, self.cells.needs
@@ -74,8 +65,8 @@ class CellRecords:
         arguments: dict[str, Any] = {}
         if needs.scattering:
             arguments |= {
-                "sources": upload(device, "sources", np.stack(sources.listed).astype(real)),
-                "defect": upload(device, "defect", sources.defect.astype(real)),
+                "sources": upload(device, "sources", np.stack(listed).astype(real)),
+                "defect": upload(device, "defect", defect.astype(real)),
                 "cells": inner,
             }
         if "GATHER" in defines:
@@ -87,15 +78,7 @@ class CellRecords:
             of_cell = 3 * (parts if needs.scattering else len(needs.emitters))
             out["gradient"] = unset(device, "gradient", of_cell * rows, real)
         if "LINEAR_SOURCE" in defines and needs.scattering:
-            at, known = sources.known or (np.zeros(0, np.int64), np.zeros((3, parts, 0), real))
-            among = np.full(inner, -1, np.int32)
-            among[at] = np.arange(len(at))
-            arguments |= {
-                "known": upload(device, "linear cells", among),
-                "known_gradient": upload(device, "spatial gradient", known.astype(real)),
-                "known_cells": len(at),
-                "spatial": int(sources.spatial),
-            }
+            arguments |= {**self._known(program, known), "spatial": int(spatial)}
         program.launch(
             "cell_records",
             (len(self.number),),
@@ -111,3 +94,13 @@ class CellRecords:
             },
         )
         return {**out, "scattering": rows} if "LINEAR_SOURCE" in defines else out
+
+    def _known(self, program: Program, known: tuple[Ints, Reals] | None) -> dict[str, Any]:
+        """Kernel arguments of the known gradients of the radiance."""
+        device, parts = program.device, len(self.cells.needs.components)
+        at, gradient = known or (np.zeros(0, np.int64), np.zeros((3, parts, 0), program.real))
+        return {
+            "known": upload(device, "linear cells", numbered(at, len(self.cells.address))),
+            "known_gradient": upload(device, "spatial gradient", gradient.astype(program.real)),
+            "known_cells": len(at),
+        }

@@ -264,6 +264,13 @@ def _black(fields: dict[str, NDArray[np.float32]]) -> Floats:
     return np.concatenate(out)
 
 
+def numbered(listed: NDArray[np.integer], count: int) -> NDArray[np.int32]:
+    """Places (count,) of numbers among the `listed` ones (N,); -1: it is not listed."""
+    out = np.full(count, -1, np.int32)
+    out[listed] = np.arange(len(listed))
+    return out
+
+
 def mean_transmission(depth: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean of exp(-t') along optical depths t of any shape: (1 - exp(-t)) / t, and 1 at t = 0."""
     safe = np.where(depth > 0, depth, 1.0)

@@ -19,8 +19,6 @@ import numpy as np
 from cldit.arrays import Reals
 from cldit.errors import TransportError
 
-_FEW = 10  # pixels, too few to estimate their noise
-
 
 @dataclass(frozen=True)
 class EnergyBalance:
@@ -64,7 +62,7 @@ class EnergyBalance:
         mean = float(seen.mean()) if seen.size else 0.0
         if noise and seen.size > 1:
             bound += 5.0 * float(seen.std(ddof=1)) / seen.size**0.5
-        if noise and seen.size < _FEW:
+        if noise and seen.size < 10:
             bound = max(bound, noise)
         value = "mean" if noise else "largest"
         balance = cls(float(departure.flat[at]), mean, (row, column), bound, value)

@@ -12,16 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Reals
-from cldit.gpu.buffers import download, unset, upload
-from cldit.gpu.device import Device, shares
+from cldit.gpu.buffers import upload
+from cldit.gpu.device import Device
 from cldit.gpu.program import GROUP, Define, Program, build
 from cldit.scene.schema import Scene
-from cldit.transport.cell_records import CellRecords, Sources
+from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
+from cldit.transport.divided_planes import divided_planes
 from cldit.transport.linear_coefficients import device_cells
 from cldit.transport.view import View
-
-_MIDDLE = np.array([[0.5, 0.5, 0.0, 0.0]])  # of a pixel, and of the aperture
 
 
 @dataclass(frozen=True)
@@ -49,21 +48,11 @@ class Gathered(Protocol):
 
 
 @dataclass(frozen=True)
-class _DeviceRows:
-    """A device and the rows of the image that it computes."""
-
-    device: Device
-    program: Program
-    rows: range
-    arguments: dict[str, Any]  # of either kernel: the octree and the geometry
-
-
-@dataclass(frozen=True)
 class FormalSolution:
     """Computes images of a medium with given sources.
 
     real: the device's precision.
-    parts: one for each device; every device has the whole medium.
+    programs, arguments: of each device, which all have the whole medium: octree and geometry.
     at_once: images that share one traversal.
     thick: (T,) the scattering cells left to the final gather; None: no gather.
     spatial: sources have spatial gradients.
@@ -74,7 +63,8 @@ class FormalSolution:
     scene: Scene
     real: type[np.floating]
     cell_records: CellRecords
-    parts: tuple[_DeviceRows, ...]
+    programs: tuple[Program, ...]
+    arguments: tuple[dict[str, Any], ...]
     at_once: int
     thick: Ints | None
     spatial: bool
@@ -106,22 +96,29 @@ class FormalSolution:
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         cell_records = CellRecords.of(cells)
         linear_coefficients = "LINEAR_COEFFICIENTS" in defines
-        parts = [
-            _DeviceRows(
-                device=member,
-                program=build(member, "image.cl", defines),
-                rows=rows,
-                arguments={
-                    **{name: octree[name] for name in ("directory", "span")},
-                    "number": upload(member, "records' numbers", cell_records.number),
-                    **view.geometry(member, cells, real),
-                    "cutoff": cutoff,
-                },
-            )
-            for member, rows in shares(device, view.pixels[1])
+        members = (device, *device.others)
+        arguments = [
+            {
+                **{name: octree[name] for name in ("directory", "span")},
+                "number": upload(member, "records' numbers", cell_records.number),
+                **view.geometry(member, cells, real),
+                "cutoff": cutoff,
+            }
+            for member in members
             for octree in [device_cells(member, cells, real, linear=linear_coefficients)]
         ]
-        return cls(cells, view, scene, real, cell_records, tuple(parts), at_once, thick, linear)
+        return cls(
+            cells=cells,
+            view=view,
+            scene=scene,
+            real=real,
+            cell_records=cell_records,
+            programs=tuple(build(member, "image.cl", defines) for member in members),
+            arguments=tuple(arguments),
+            at_once=at_once,
+            thick=thick,
+            spatial=linear,
+        )
 
     def with_sources(
         self,
@@ -140,10 +137,17 @@ class FormalSolution:
             known: cells (K,) and the spatial gradient (3, C, K) of the radiance in them, which
                 precedes that from neighbours.
         """
-        sources = Sources(listed, defect, self.spatial, known)
         records = [
-            self.cell_records.upload(part.program, part.arguments["number"], sources, self.thick)
-            for part in self.parts
+            self.cell_records.upload(
+                program,
+                arguments["number"],
+                listed,
+                defect,
+                spatial=self.spatial,
+                thick=self.thick,
+                known=known,
+            )
+            for program, arguments in zip(self.programs, self.arguments, strict=True)
         ]
         return Rays(self, records, gather)
 
@@ -167,11 +171,12 @@ class Rays:
         """
         columns, rows = self.solution.view.pixels
         pixel_numbers = np.arange(columns * rows)
-        return self._gathered(self._whole(), pixel_numbers, np.ones_like(pixel_numbers))
+        return self.through(pixel_numbers, np.ones_like(pixel_numbers))
 
     def through(self, pixels: Ints, across: Ints) -> Reals:
         """Mean weights (images, C + 1, N) of `across`^2 (N,) rays through each of `pixels` (N,)."""
-        order = np.argsort(across, kind="stable")  # work-items of a group do equal work
+        # Work-items of a group do equal work, and cross the same cells.
+        order = np.lexsort((self.solution.view.tile_of(pixels), across))
         planes = self._through(pixels[order], *self.solution.view.rays(across[order]))
         return self._gathered(planes[:, np.argsort(order)], pixels, across)
 
@@ -211,40 +216,12 @@ class Rays:
         parts = len(self.solution.cells.needs.components) + 1
         return self.solution.at_once * parts + (0 if self.solution.thick is None else 1)
 
-    def _whole(self) -> Reals:
-        """Planes (P, H W) of one ray through the middle of every pixel, each device its rows."""
-        solution = self.solution
-        columns, rows = solution.view.pixels
-        if rows * columns > self._most_pixels:
-            ranges = np.tile(np.array([0, 1], np.int32), (rows * columns, 1))
-            return self._through(np.arange(rows * columns), _MIDDLE, ranges)
-        outs = []
-        for part, record in zip(solution.parts, self.records, strict=True):
-            out = unset(part.device, "image", self._planes * rows * columns, solution.real)
-            if part.rows:
-                part.program.launch(
-                    "image",
-                    *solution.view.tiles(part.program, "image", len(part.rows)),
-                    {"planes": out, **record, **part.arguments},
-                    offset=(0, part.rows.start),
-                )
-                part.device.queue.flush()  # the next device starts while this one works
-            outs.append(out)
-        planes = np.empty((self._planes, rows * columns), solution.real)
-        if len(outs) == 1:
-            return download(solution.parts[0].device, outs[0], planes)
-        for part, out in zip(solution.parts, outs, strict=True):
-            portion = slice(part.rows.start * columns, part.rows.stop * columns)
-            for number, plane in enumerate(planes):
-                begin = number * plane.size + portion.start
-                download(part.device, out, plane[portion], start=begin)
-        return planes
-
     @property
     def _most_pixels(self) -> int:
         """Number of pixels whose planes fit into one buffer of every device."""
-        smallest = min(part.device.info.largest_buffer_bytes for part in self.solution.parts)
-        return max(1, int(smallest // (self._planes * np.dtype(self.solution.real).itemsize)))
+        solution = self.solution
+        smallest = min(program.device.info.largest_buffer_bytes for program in solution.programs)
+        return max(1, int(smallest // (self._planes * np.dtype(solution.real).itemsize)))
 
     def _through(self, pixels: Ints, places: Floats, ranges: NDArray[np.int32]) -> Reals:
         """Planes (P, N): means of rays through each of the listed pixels, by `View.rays`."""
@@ -256,34 +233,25 @@ class Rays:
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def _at_once(self, pixels: Ints, places: Floats, ranges: NDArray[np.int32]) -> Reals:
-        """The same of as many pixels as fit into one buffer."""
+        """The same of as many pixels as fit into one buffer; each device has its share of them."""
         solution = self.solution
-        outs = []
-        divided = shares(solution.parts[0].device, len(pixels))
-        for part, record, (_, portion) in zip(solution.parts, self.records, divided, strict=True):
-            count = len(portion)
-            out = unset(part.device, "image", self._planes * count, solution.real)
-            if count:
-                some_pixels = pixels[portion.start : portion.stop].astype(np.int32)
-                part.program.launch(
-                    "refine",
-                    (count,),
-                    (min(GROUP, part.program.largest_group("refine")),),
-                    {
-                        "planes": out,
-                        "list": upload(part.device, "pixels", some_pixels),
-                        "count": count,
-                        "places": upload(part.device, "rays", places.astype(solution.real)),
-                        "ranges": upload(part.device, "rays", ranges[portion.start : portion.stop]),
-                        **record,
-                        **part.arguments,
-                    },
-                )
-                part.device.queue.flush()
-            outs.append((out, count))
-        means = [
-            download(part.device, out, np.empty((self._planes, count), solution.real))
-            for part, (out, count) in zip(solution.parts, outs, strict=True)
-            if count
-        ]
-        return np.concatenate(means, axis=1)
+
+        def launch(number: int, listed: slice, out: Any) -> None:
+            program, count = solution.programs[number], listed.stop - listed.start
+            program.launch(
+                "image",
+                (count,),
+                (min(GROUP, program.largest_group("image")),),
+                {
+                    "planes": out,
+                    "list": upload(program.device, "pixels", pixels[listed].astype(np.int32)),
+                    "count": count,
+                    "places": upload(program.device, "rays", places.astype(solution.real)),
+                    "ranges": upload(program.device, "rays", ranges[listed]),
+                    **self.records[number],
+                    **solution.arguments[number],
+                },
+            )
+
+        shape = self._planes, len(pixels)
+        return divided_planes(solution.programs[0].device, "image", shape, solution.real, launch)

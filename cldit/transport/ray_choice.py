@@ -22,8 +22,6 @@ from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.transport.image import Rays
 from cldit.transport.view import View, dilated
 
-Counts = Ints
-
 MOST_ACROSS = 16
 SHARES = 32  # rays across, without a medium, by which the share of the background is exact
 _NUMBERS = (1, 2, 4, 8, MOST_ACROSS, SHARES)
@@ -56,7 +54,7 @@ class PixelResults:
         rim = dilated(~view.sees_background, 1 + view.edge_pixels)
         return cls(view, temperature, rim.reshape(-1))
 
-    def _shares(self, pixels: Counts, across: Counts) -> Floats:
+    def _shares(self, pixels: Ints, across: Ints) -> Floats:
         """Shares (B, N) of the boundary in rim pixels (N,) that see the background.
 
         All such pixels are traced at once, by all numbers of rays that may be asked for.
@@ -74,7 +72,7 @@ class PixelResults:
             out[:, same_rays] = shares[:, place[same_rays]]
         return out
 
-    def __call__(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
+    def __call__(self, weights: Reals, pixels: Ints, across: Ints) -> Floats:
         """Results (2, I, N) of `pixels` (N,) with weights (I, C, N) by `across`^2 rays; NaN: none.
 
         I is the number of images.
@@ -98,7 +96,7 @@ class PixelResults:
         out[1, on_background] = self.temperature.per_emissivity_K * emissivity[on_background]
         return out
 
-    def of_shares(self, weights: Reals, pixels: Counts, rays_across: Counts) -> Floats:
+    def of_shares(self, weights: Reals, pixels: Ints, rays_across: Ints) -> Floats:
         """Change (2, N) if rim pixels saw the boundary by `SHARES` rays across; else 0.
 
         `weights` (C, N) are by `rays_across` rays across, and stand for the same medium.
@@ -222,7 +220,7 @@ class RayChoice:
         )
         return np.where(np.isfinite(self._contrast), square, np.nan)
 
-    def grow(self, pixels: Counts, across: Counts) -> None:
+    def grow(self, pixels: Ints, across: Ints) -> None:
         """Traces `pixels` (N,) by `across`^2 (N,) rays, and measures the change of the results."""
         weights = self.rays.through(pixels, across)
         kelvin = self._kelvin_of(weights, pixels, across)
@@ -230,7 +228,7 @@ class RayChoice:
         self._kelvin[:, :, pixels] = kelvin
         self.across[pixels], self._images[:, :, pixels] = across, weights
 
-    def _learn(self, pixels: Counts, changes_K: Floats) -> None:
+    def _learn(self, pixels: Ints, changes_K: Floats) -> None:
         """Takes the errors of the present rays from changes (2, images, N) by more; NaN: none."""
         square = changes_K[:, 0] * changes_K[:, -1]  # without the noise of either, on average
         result, at = np.nonzero(np.isfinite(changes_K).all(axis=1))
@@ -238,11 +236,11 @@ class RayChoice:
         self._by_one[result, traced] = square[result, at] * self.across[traced] ** (2 * _ORDER)
         self._known[result, traced] = True
 
-    def change_K(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
+    def change_K(self, weights: Reals, pixels: Ints, across: Ints) -> Floats:
         """Change (2, images, N) of results by `weights` (images, C + 1, N); NaN: unknown."""
         return np.asarray(self._kelvin_of(weights, pixels, across) - self._kelvin[:, :, pixels])
 
-    def _kelvin_of(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
+    def _kelvin_of(self, weights: Reals, pixels: Ints, across: Ints) -> Floats:
         return self._results(weights[:, :-1], pixels, across)
 
     def _widen(self) -> None:
@@ -278,7 +276,7 @@ class RayChoice:
             added = True
         return added
 
-    def correct(self, errors_K: Floats, pixels: Counts, changes_K: Floats) -> None:
+    def correct(self, errors_K: Floats, pixels: Ints, changes_K: Floats) -> None:
         """Takes measured RMS errors (2,), and changes (2, images, N) in some pixels (N,)."""
         square = errors_K[:, None] ** 2 * max(self.count, 1)
         if np.all(self.across == 1):
@@ -291,7 +289,7 @@ class RayChoice:
         self._scale *= np.clip(square / np.maximum(expected, 1e-30), 1.0, _MOST_SCALE)
 
 
-def allocated(square: Floats, across: Counts, *, allowed: float) -> Counts:
+def allocated(square: Floats, across: Ints, *, allowed: float) -> Ints:
     """Rays across each pixel (N,), a power of two, for a sum of squares at the fewest cost.
 
     Args:
@@ -304,13 +302,13 @@ def allocated(square: Floats, across: Counts, *, allowed: float) -> Counts:
     power = np.log2(by_one[contributing]) / (2.0 * (1.0 + _ORDER))
     fewest = across[contributing]
 
-    def at(level: float) -> Counts:
+    def at(level: float) -> Ints:
         ideal = np.exp2(np.ceil(np.clip(power + level, 0.0, np.log2(MOST_ACROSS))))
         return np.maximum(ideal.astype(np.int64), fewest)
 
     rest, ray_limit = len(square) - len(contributing), _MOST_RAYS[0] * len(square) + _MOST_RAYS[1]
     low, high = -60.0, 60.0
-    enough: Counts | None = None
+    enough: Ints | None = None
     for _ in range(40):
         middle = (low + high) / 2
         numbers = at(middle)

@@ -21,7 +21,6 @@ from cldit.transport.phase import ScatteringTable
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View, check_boundary
 
-_LEAST_CUTOFF = 1e-37
 Method = Literal["source", "path", "branching"]
 
 
@@ -88,7 +87,8 @@ class TraceSettings:
             return self.cutoff
         allowed_K = self.tuning.neglected * self.accuracy_K
         cutoff = min(cells.cutoff(scene, tolerance_K=allowed_K), self.tuning.neglected_emissivity)
-        return 0.0 if cutoff < _LEAST_CUTOFF else cutoff
+        # Single precision has no normal numbers below 1.2e-38.
+        return 0.0 if cutoff < 1e-37 else cutoff
 
     def defines(self, cells: OpticalCells) -> dict[str, Define]:
         """Compile-time defines of all kernels of a trace of `cells`."""

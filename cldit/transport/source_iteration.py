@@ -23,6 +23,7 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.device import Device
+from cldit.gpu.program import Program
 from cldit.medium.octree import Octree
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
@@ -38,14 +39,14 @@ from cldit.transport.final_gather.paths import PathSampler
 from cldit.transport.image import FormalSolution, Rays
 from cldit.transport.result import Trace, TraceInput, TraceSettings, weights_of
 from cldit.transport.thick_region import ThickRegion
-from cldit.transport.traced_pixels import Across, traced_pixels
+from cldit.transport.traced_pixels import traced_pixels
 
 
 def trace_source(
     trace_input: TraceInput,
     report: Callable[[str], None] | None,
     pixels: Ints | None = None,
-    rays: Across | None = None,
+    rays: Ints | None = None,
 ) -> Trace:
     """Weights by source iteration.
 
@@ -81,11 +82,7 @@ def trace_source(
     if gather is not None:
         seconds["gather"] = gather.seconds
         seconds["image"] = max(seconds["image"] - gather.seconds, 0.0)  # devices gather in parallel
-    programs = (
-        image.parts[0].program,
-        *(() if camera is None else camera.programs),
-        *(() if gather is None else gather.sampler.programs),
-    )
+    programs = _programs(image, camera, gather)
     seconds["compile"] = sum(program.build_s for program in programs)
     return Trace(
         weights=weights_of(mean, cells),
@@ -103,6 +100,17 @@ def trace_source(
         closure=balance,
         subpixels=traced.subpixels,
         rays=traced.across if pixels is None else None,
+    )
+
+
+def _programs(
+    image: FormalSolution, camera: CameraSource | None, gather: Gather | None
+) -> tuple[Program, ...]:
+    """All programs of a trace."""
+    return (
+        image.programs[0],
+        *(() if camera is None else camera.programs),
+        *(() if gather is None else gather.sampler.programs),
     )
 
 

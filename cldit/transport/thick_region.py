@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
-from cldit.transport.cells import OpticalCells, SweptBox
+from cldit.transport.cells import OpticalCells, SweptBox, numbered
 from cldit.transport.tuning import Tuning
 
 NONE, OUTSIDE = -1, -2
@@ -132,9 +132,7 @@ class ThickRegion:
         """
         stored = self.address >= 0
         address = self.address[stored]
-        number = np.full(len(cells.depth), NONE)
-        number[cells.address] = np.arange(len(cells.address))
-        number = number[address]
+        number = numbered(cells.address, len(cells.depth))[address]
         scatters = number >= 0
         depth, albedo = seen.depth[address], seen.albedo[number]
         continues = scatters & _continues(depth, albedo, path_depth, tuning)
@@ -146,8 +144,7 @@ class ThickRegion:
         own_source[:, scatters] = source[:, number[scatters]]
         own_gradient = np.zeros((0, len(address)), real)
         if gradient is not None:
-            among = np.full(len(cells.address), NONE)
-            among[linear_cells] = np.arange(len(linear_cells))
+            among = numbered(linear_cells, len(cells.address))
             among = np.where(scatters, among[number], NONE)
             listed = gradient.reshape(-1, len(linear_cells))[:, among]
             own_gradient = listed * (among >= 0).astype(real)

@@ -4,8 +4,6 @@ Sweeps take time in proportion to cells and ordinates, rays of the image to the 
 medium and to the cells along a ray.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +29,7 @@ class TraceCost:
         cells: int,
         settings: TraceSettings,
         work: Callable[[], Trace],
-    ) -> tuple[Trace, TraceCost]:
+    ) -> "tuple[Trace, TraceCost]":
         """Traces and measures: core seconds of this process, on a GPU those of the clock."""
         clock = time.process_time if device.is_cpu else time.perf_counter
         start = clock()

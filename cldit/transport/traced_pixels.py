@@ -10,8 +10,6 @@ from cldit.transport.ray_choice import PixelResults, RayChoice
 from cldit.transport.result import Subpixels, TraceInput, TraceSettings
 from cldit.transport.subpixels import measured_subpixels, sampled_subpixels
 
-Across = Ints
-_LENS = 4  # rays across a pixel behind a lens, where neither scene nor error choose them
 _SAMPLES = 7  # that measure the error
 _CLOSE = 1.1  # of the allowed error
 _GAIN = 0.8  # of an error by more rays: else it is noise of paths, which rays do not reduce
@@ -28,7 +26,7 @@ class TracedPixels:
 
     halves: Reals
     middle: Reals | None
-    across: Across
+    across: Ints
     subpixels: Subpixels | None = None
 
 
@@ -36,7 +34,7 @@ def traced_pixels(
     rays: Rays,
     trace_input: TraceInput,
     pixels: Ints | None = None,
-    rays_wanted: Across | None = None,
+    rays_wanted: Ints | None = None,
 ) -> TracedPixels:
     """Traces all pixels, or those of the flat numbers `pixels` (N,) as an image of one row.
 
@@ -51,7 +49,8 @@ def traced_pixels(
         return TracedPixels(rays.through(pixels, across)[:, :, None, :], None, across[None])
     images = rays.middle()
     if scene.camera.lens is not None and scene.camera.rays_across is None:
-        rays_across = _LENS
+        # Four rays across a pixel behind a lens, where neither scene nor error choose them.
+        rays_across = 4
     across = (
         np.full(rows * columns, rays_across) if rays_wanted is None else rays_wanted.reshape(-1)
     )

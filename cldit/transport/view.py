@@ -21,8 +21,6 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.linear_coefficients import device_cells
 from cldit.transport.sobol import net, on_disc
 
-_TILE = 8
-
 
 def dilated(chosen: Mask, pixels: int) -> Mask:
     """Mask (H, W) of pixels in the squares of 2 `pixels` + 1 about `chosen` ones."""
@@ -123,6 +121,11 @@ class View:
         places = [np.zeros((0, 4)), *(self.places(int(number)) for number in numbers)]
         return np.concatenate(places), ranges.astype(np.int32)[position]
 
+    def tile_of(self, pixels: Ints, edge: int = 8) -> Ints:
+        """Numbers (N,) of the tiles of `edge` x `edge` pixels that contain the pixels (N,)."""
+        row, column = np.divmod(pixels, self.pixels[0])
+        return np.asarray(row // edge * self.pixels[0] + column // edge)
+
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -131,7 +134,7 @@ class View:
         The image has `rows` rows; None: all.
         """
         columns, all_rows = self.pixels
-        edge = _TILE
+        edge = 8
         while edge > 1 and edge**2 > program.largest_group(kernel):
             edge //= 2
         return (columns, all_rows if rows is None else rows), (edge, edge)

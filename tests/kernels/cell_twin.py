@@ -1,147 +1,64 @@
-"""NumPy twin, in double precision, of kernels/linear_coefficients.cl, of `limit_gradient`
-(kernels/components.h), and of image.cl's records."""
+"""NumPy twin, in double precision, of `limit_gradient` (kernels/components.h) and of image.cl's
+records, from the coefficients that are linear in cells."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Reals
-from cldit.medium.frame import BRICK
-from cldit.medium.limiter import limited
-from cldit.medium.octree import Octree
+from cldit.gpu.buffers import download
+from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.gradients import beside_on_axes
-from cldit.transport.linear_coefficients import _coarse, _positive
+from cldit.transport.linear_coefficients import device_cells
 
 # As |g| is 2 at most, a value of |s| up to 3/2 S has 3/4 S in the middle at least, and falls by 3/4
 # S to a corner: to 0, not below.
 MOST = 4.0 / 3.0
-_EXTINCTION = ("vapour_absorption", "droplet_absorption", "droplet_scattering")
-_MEAN = 1.0 / 12.0  # of x^2 in a cell of edge 1
-_TOGETHER = 2**18  # cells, for memory
-_CELLS = BRICK**3
 
 
 @dataclass(frozen=True)
 class LinearCoefficients:
-    """Gradients (P, 3) along x, y, z, per finest cell, of stored cells and coarse leaves.
+    """Coefficients of stored cells and coarse leaves, as kernels/linear_coefficients.cl makes them.
 
-    extinction: relative to its mean.
-    albedo: gradient of the scattered share of the extinction.
-    emission: (E, P, 3) gradient of each emitter's emission over extinction.
+    extinction: (P, 3) gradient along x, y, z, per finest cell, relative to its mean.
+    albedo, emission: (P, 3) and (E, P, 3) gradients of the scattered share of the extinction, and
+    of each emitter's emission over extinction.
+    middle_albedo, middle_emission: (P,) and (E, P) values in the middles.
     edge: (P,) edge of the cell or leaf, in finest cells.
     """
 
     extinction: Reals
     albedo: Reals
     emission: Reals
+    middle_albedo: Reals
+    middle_emission: Reals
     edge: Reals
 
     @classmethod
-    def of(cls, tree: Octree, albedo: Reals, emitted: Mapping[str, Reals]) -> LinearCoefficients:
-        """Gradients of a tree with the albedo (P,) and emission over extinction (P,) by emitter."""
-        fields = tree.fields
-        whole = np.sum([fields[name] for name in _EXTINCTION], axis=0)
-        safe = np.where(whole > 0, whole, np.float32(1))[:, None]
-        gradients = {name: relative_gradient(tree, fields[name]) for name in _EXTINCTION}
-        extinction = np.zeros((len(whole), 3), np.float32)
-        for name, gradient in gradients.items():
-            extinction += fields[name][:, None] / safe * gradient
-        edge = np.ones(len(whole), np.float32)
+    def of(
+        cls, device: Device, cells: OpticalCells, real: type[np.floating] | None = None
+    ) -> LinearCoefficients:
+        """Those on the device, in its best precision unless `real` is another."""
+        real = real or (np.float64 if device.info.float64 else np.float32)
+        count, emitters = len(cells.depth), len(cells.needs.emitters)
+        shapes = {
+            "cell_gradients": (count, 2 + emitters, 3),
+            "albedo": (count,),
+            "thermal": (emitters, count),
+        }
+        buffers = device_cells(device, cells, real, linear=True)
+        gradients, albedo, emission = (
+            download(device, buffers[name], np.empty(shape, real)).astype(float)
+            for name, shape in shapes.items()
+        )
+        tree, edge = cells.tree, np.ones(count)
         edge[-len(tree.coarse_level) :] = tree.frame.cells >> tree.coarse_level
-        change = np.zeros((3, 1 + len(emitted), len(whole)), np.float32)
-        mean = np.stack([albedo, *emitted.values()]).astype(np.float32)
-        change[:, 0] = mean[0] * (gradients["droplet_scattering"] - extinction).T
-        for number, name in enumerate(emitted, 1):
-            field = fields["vapour_emission" if name == "vapour" else "droplet_emission"]
-            change[:, number] = mean[number] * (relative_gradient(tree, field) - extinction).T
-        for first in range(0, len(whole), _TOGETHER):
-            some = slice(first, first + _TOGETHER)
-            part = change[:, :, some] * edge[some]
-            # The albedo stays within 0..1. All gradients of a cell shrink by one factor, so that
-            # they still sum to 0 in an isothermal cavity.
-            reach = np.abs(part[:, 0]).sum(axis=0) * np.float32(MOST / 2)
-            room = (1 - mean[0, some]) / np.maximum(reach, np.float32(1e-20))
-            part *= np.clip(room, 0, 1)
-            limit(part, mean[:, some] / np.float32(MOST), 1)
-            change[:, :, some] = part / edge[some]
-        return cls(extinction, change[:, 0].T, change[:, 1:].transpose(1, 2, 0), edge)
-
-    def excess(self, gradient: Reals) -> Reals:
-        """Extinction-weighted mean less the middle value (P,), of gradients (P, 3)."""
-        product = np.einsum("pi,pi->p", self.extinction, gradient)
-        return np.asarray(product * self.edge**2 * np.float32(_MEAN))
-
-
-def relative_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:
-    """Relative gradient (P, 3) along x, y, z, per finest cell, of a coefficient (P,) >= 0.
-
-    It is 0 in empty cells and in coarse leaves that fill the cube.
-    """
-    out = np.zeros((len(depth), 3), np.float32)
-    if not depth.any():
-        return out
-    fine = tree.slots * _CELLS
-    if tree.slots:
-        out[:fine] = _positive(depth[:fine], _stored(tree, depth)).T
-    out[fine:] = _coarse(tree, depth)
-    return out
-
-
-def _stored(tree: Octree, depth: Reals) -> Reals:
-    """Limited slopes (3, N) of stored cells, per edge."""
-    values = depth[: tree.slots * _CELLS].reshape(-1, BRICK, BRICK, BRICK)
-    at = np.empty((tree.slots, 3), np.int64)  # z, y, x
-    there = tree.directory >= 0
-    at[tree.directory[there]] = np.argwhere(there)
-    padded = np.pad(tree.directory, 1, constant_values=-1)  # empty outside
-    spans = np.maximum(1, tree.frame.cells >> tree.coarse_level)
-    out = np.empty((3, *values.shape), depth.dtype)
-    for axis in range(3):
-        along = np.moveaxis(values, 1 + axis, 1)
-        near, far = [], []
-        for side in (0, 1):
-            beside = at + 1
-            beside[:, axis] += 2 * side - 1
-            entry = padded[tuple(beside.T)]
-            inner, leaf = entry >= 0, -1 - entry[entry < 0]
-            ends = np.empty((tree.slots, BRICK, BRICK), depth.dtype)
-            ends[inner] = along[entry[inner], 0 if side else -1]
-            ends[~inner] = depth[tree.slots * _CELLS + leaf, None, None]
-            distance = np.ones((tree.slots, BRICK, 1, 1), depth.dtype)
-            distance[~inner, -1 if side else 0, 0, 0] = np.where(
-                depth[tree.slots * _CELLS + leaf] > 0, (1 + spans[leaf]) / 2, 1.0
-            )
-            parts = [along[:, 1:], ends[:, None]] if side else [ends[:, None], along[:, :-1]]
-            near.append(np.concatenate(parts, axis=1))
-            far.append(distance)
-        slope = limited(along, *near, down=far[0], up=far[1])
-        out[2 - axis] = np.moveaxis(slope, 1, 1 + axis)
-    return out.reshape(3, -1)
-
-
-def linear_of(cells: OpticalCells) -> LinearCoefficients:
-    """Gradients of the coefficients in cells."""
-    albedo = np.zeros(len(cells.depth))
-    albedo[cells.address] = cells.albedo
-    emitted = {name: cells.emitted[name] for name in cells.needs.emitters}
-    return LinearCoefficients.of(cells.tree, albedo, emitted)
-
-
-def middles_of(cells: OpticalCells) -> OpticalCells:
-    """Cells with albedo and emission of their middles in place of the means."""
-    linear = linear_of(cells)
-    emitted = dict(cells.emitted)
-    for name, gradient in zip(cells.needs.emitters, linear.emission, strict=True):
-        emitted[name] = cells.emitted[name] - linear.excess(gradient)
-    excess = linear.excess(linear.albedo)[cells.address]
-    return replace(
-        cells, emitted=emitted, albedo=cells.albedo - excess, coalbedo=cells.coalbedo + excess
-    )
+        of_emitters = gradients[:, 2:].transpose(1, 0, 2)
+        return cls(gradients[:, 0], gradients[:, 1], of_emitters, albedo, emission, edge)
 
 
 def spatial_gradients(
@@ -182,16 +99,16 @@ class RecordsTwin:
     """The non-empty cells; those that scatter come first.
 
     at: (F,) addresses. number: (P,) int32 row of each stored cell, -1 if it is empty.
-    linear: true if coefficients are linear in cells.
+    linear: coefficients that are linear in cells; None: they are constant.
     """
 
     cells: OpticalCells
     at: Ints
     number: NDArray[np.int32]
-    linear: bool = False
+    linear: LinearCoefficients | None = None
 
     @classmethod
-    def of(cls, cells: OpticalCells, *, linear: bool = False) -> RecordsTwin:
+    def of(cls, cells: OpticalCells, linear: LinearCoefficients | None = None) -> RecordsTwin:
         """Records of all stored cells of optical depth above 0; `linear` as in the class."""
         others = cells.depth > 0
         others[cells.address] = False
@@ -217,7 +134,8 @@ class RecordsTwin:
             emit. In thick cells the emission has its own gradient, and the first boundary's place
             has the albedo's, which shifts light between the emission and the gather.
         """
-        cells, needs, linear = self.cells, self.cells.needs, linear_of(self.cells)
+        cells, needs, linear = self.cells, self.cells.needs, self.linear
+        assert linear is not None
         first = 0 if needs.scattering else needs.boundaries
         out = [None if source is None else np.array(source) for source in listed]
         sources = [source for source in out if source is not None]
@@ -272,11 +190,13 @@ class RecordsTwin:
             real: the device's precision.
         """
         cells, needs = self.cells, self.cells.needs
-        middles = middles_of(cells) if self.linear else cells
-        thermal = middles.thermal_planes(real, self.at).T
+        thermal: Reals = cells.thermal_planes(real, self.at).T
+        albedo: Reals = cells.albedo
         head = cells.depth[self.at, None].astype(real)
-        if self.linear:
-            head = np.column_stack([head, linear_of(cells).extinction[self.at].astype(real)])
+        if self.linear is not None:
+            thermal = self.linear.middle_emission[:, self.at].T.astype(real)
+            albedo = self.linear.middle_albedo[cells.address]
+            head = np.column_stack([head, self.linear.extinction[self.at]]).astype(real)
         if not needs.scattering:
             return np.column_stack([head, thermal])
         albedo_at = head.shape[1]
@@ -286,7 +206,7 @@ class RecordsTwin:
         out[:, :albedo_at] = head
         row = self.number[cells.address]
         if thick is not None:
-            out[row[thick], albedo_at] = middles.albedo[thick]
+            out[row[thick], albedo_at] = albedo[thick]
         for image, source in enumerate(listed):
             mine = out[:, first + parts * image : first + parts * (image + 1)]
             mine[:, needs.boundaries : -1] = thermal
@@ -301,7 +221,7 @@ class RecordsTwin:
             if thick is not None:
                 # The gather adds the scattered light.
                 value[thick, :-1] = 0.0
-                value[thick, -1] = (middles.coalbedo + made)[thick]
+                value[thick, -1] = (1.0 - albedo + made)[thick]
                 value[thick, needs.boundaries : -1] = thermal[row[thick]]
             mine[row] = value
         return out

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
-from cldit.gpu.program import build
+from cldit.gpu.program import Program, build
 from cldit.medium.frame import Cube
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
@@ -20,6 +20,17 @@ from cldit.transport.trace import TraceSettings
 EDGE_M = 0.16
 DISC = np.array([8.0, 17.0, 9.0, 16.0])
 ENCLOSURE = np.array([0.0, 0.0, 0.0, np.inf])
+
+
+def cells_source(
+    frame: Cube, place: NDArray[np.integer], **coefficients: NDArray[np.float64]
+) -> CellSource:
+    """Finest cells (N, 3; x, y, z) of a cube with these coefficients (N,); the others are 0."""
+    lower = np.asarray(frame.lower_m + place * frame.cell_m, np.float64)
+    names = ("vapour_absorption", "vapour_emission", "droplet_absorption", "droplet_scattering",
+             "droplet_emission")  # fmt: skip
+    full = {name: np.zeros(len(place)) for name in names} | coefficients
+    return CellSource(lower_m=lower, upper_m=lower + frame.cell_m, **full)
 
 
 def random_tree(
@@ -35,15 +46,14 @@ def random_tree(
     if hollow:
         filled[5:13] = False
     place = np.argwhere(filled) + np.array([3, 1, 5])
-    lower = -EDGE_M / 2 + place * frame.cell_m
     values = rng.uniform(0.0, 0.6, (5, len(place))) / frame.cell_m
     return build_octree(
         frame,
         None,
         [
-            CellSource(
-                lower_m=lower,
-                upper_m=lower + frame.cell_m,
+            cells_source(
+                frame,
+                place,
                 vapour_absorption=values[0],
                 vapour_emission=values[0] * rng.random(len(place)),
                 droplet_absorption=values[2],
@@ -61,21 +71,24 @@ def source_planes(cells: OpticalCells) -> NDArray[np.float64]:
     return np.concatenate([outside, cells.thermal_planes(np.float64)])
 
 
+def sweep_program(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> Program:
+    """sweep.cl with these beside what the cells need; the device's packets unless `defines` has
+    other ones."""
+    packets = simd_defines(device)
+    return build(device, "sweep.cl", {**cells.needs.defines, **packets, **defines})
+
+
 def sweeper_of(
     device: Device,
     cells: OpticalCells,
     defines: dict[str, Any] | None = None,
     disc: NDArray[np.float64] = DISC,
+    **more: Any,
 ) -> Sweeper:
-    """The tree's box on the device, compiled with these beside what the cells need."""
-    common = {**cells.needs.defines, **(defines or {})}
-    return Sweeper(
-        device,
-        cells,
-        build(device, "sweep.cl", {**common, **simd_defines(device)}),
-        build(device, "source_update.cl", {**common, **simd_defines(device)}),
-        disc=disc,
-    )
+    """The tree's box on the device, by `sweep_program`; `more` are arguments of the sweeper."""
+    program = sweep_program(device, cells, defines or {})
+    update = build(device, "source_update.cl", program.defines)
+    return Sweeper(device, cells, program, update, disc=disc, **more)
 
 
 def scene_of(**camera: Any) -> Scene:

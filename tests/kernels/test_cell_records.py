@@ -11,42 +11,12 @@ from cldit.gpu.buffers import download, upload
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.medium.frame import Cube
-from cldit.medium.octree import CellSource, Octree, build_octree
-from cldit.transport.cell_records import CellRecords, Sources
+from cldit.medium.octree import Octree, build_octree
+from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
-from cldit.transport.linear_coefficients import device_cells, thick_albedo
 
-from .cell_twin import RecordsTwin, linear_of, middles_of, spatial_gradients
-from .medium import random_tree
-
-
-def test_records_of_filled_cells() -> None:
-    """Sources of both images lie where the kernel reads them, and thick cells have their emission
-    alone. Elsewhere the boundary's part and the emission at radiance 1 sum to 1."""
-    medium = OpticalCells.of(random_tree(8))
-    rng = np.random.default_rng(6)
-    made = RecordsTwin.of(medium)
-    assert np.array_equal(np.flatnonzero(made.number >= 0), np.flatnonzero(medium.depth > 0))
-    cells, count = len(medium.address), len(medium.needs.components)
-    listed = [rng.random((count, cells)) / 8 for _ in range(2)]
-    thick = np.flatnonzero(rng.random(cells) < 0.3)
-    records = made.records(list(listed), np.zeros(cells), thick, np.float64)
-    assert records.shape == (len(made.at), 2 + 2 * (count + 1))
-    np.testing.assert_array_equal(records[:, 0], medium.depth[made.at])
-    row = made.number[medium.address]
-    plain = np.setdiff1d(np.arange(cells), thick)
-    np.testing.assert_array_equal(records[row[thick], 1], medium.albedo[thick])
-    assert not records[row[plain], 1].any()
-    for image, source in enumerate(listed):
-        mine = records[:, 2 + image * (count + 1) : 2 + (image + 1) * (count + 1)]
-        np.testing.assert_array_equal(mine[row[plain], :-1], source[:, plain].T)
-        emitted = np.zeros((count, len(thick)))
-        emitted[2:] = medium.thermal_planes(np.float64)[:, medium.address[thick]]
-        np.testing.assert_array_equal(mine[row[thick], :-1], emitted.T)
-        whole = mine[:, :2].sum(axis=1) + mine[:, -1]
-        whole[row[thick]] += medium.albedo[thick]  # the gather's
-        np.testing.assert_allclose(whole, 1.0, rtol=1e-12)
-
+from .cell_twin import LinearCoefficients, RecordsTwin, spatial_gradients
+from .medium import cells_source
 
 CELLS = 64
 FRAME = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
@@ -63,10 +33,9 @@ def tree_of(*, scattering: float = 1.0, vapour: float = 1.0) -> Octree:
     size = np.where(block, 1.0, 1e-9)[kept] / FRAME.cell_m
     gas, drops, scattered = rng.uniform(0.02, 0.5, (3, len(size))) * size
     drops, scattered = drops * block[kept], scattered * block[kept]  # coarse leaves have none
-    lower = np.asarray(place[kept] * FRAME.cell_m, np.float64)
-    source = CellSource(
-        lower_m=lower,
-        upper_m=lower + FRAME.cell_m,
+    source = cells_source(
+        FRAME,
+        place[kept],
         vapour_absorption=vapour * gas,
         vapour_emission=vapour * gas * rng.uniform(0.1, 1.0, len(size)),
         droplet_absorption=drops,
@@ -84,40 +53,6 @@ def real(request: pytest.FixtureRequest, device: Device) -> type[np.floating]:
         pytest.skip("the device has no double precision")
     kind: type[np.floating] = request.param
     return kind
-
-
-@pytest.mark.parametrize(("scattering", "vapour"), [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)])
-def test_linear_coefficients_are_numpys(
-    device: Device, real: type[np.floating], scattering: float, vapour: float
-) -> None:
-    """The twin's gradients are in single precision, of numbers up to 2."""
-    cells = OpticalCells.of(tree_of(scattering=scattering, vapour=vapour))
-    assert not vapour or np.any(cells.tree.coarse_level[FRAME.depth + 1 :] < 3)
-    got = device_cells(device, cells, real, linear=True)
-    count, emitters = len(cells.depth), len(cells.needs.emitters)
-    linear, middles = linear_of(cells), middles_of(cells)
-    gradients = download(
-        device, got["cell_gradients"], np.empty((count, 2 + emitters, 3), real)
-    ).astype(float)
-    expected = np.stack([linear.extinction, linear.albedo, *linear.emission], axis=1)
-    np.testing.assert_allclose(gradients, expected, atol=3e-6)
-    assert np.abs(expected).max() > 0.5
-    eps = float(np.finfo(real).eps)
-    depth = download(device, got["depth"], np.empty(count, real))
-    np.testing.assert_allclose(depth, cells.depth, rtol=4 * eps)
-    albedo = np.zeros(count)
-    albedo[cells.address] = middles.albedo
-    np.testing.assert_allclose(
-        download(device, got["albedo"], np.empty(count, real)), albedo, atol=2e-6
-    )
-    thermal = download(device, got["thermal"], np.empty((emitters, count), real))
-    np.testing.assert_allclose(thermal, middles.thermal_planes(np.float64), atol=2e-6)
-    if scattering:
-        thick = np.arange(0, len(cells.address), 3)
-        some = thick_albedo(device, cells, thick, real, linear=True)
-        found = download(device, some, np.empty(count, real))
-        assert np.array_equal(np.flatnonzero(found), cells.address[thick])
-        np.testing.assert_allclose(found[found > 0], middles.albedo[thick], atol=2e-6)
 
 
 CASES: list[dict[str, Any]] = [
@@ -154,11 +89,14 @@ def test_records_are_numpys(device: Device, real: type[np.floating], case: dict[
     defines |= {"LINEAR_SOURCE": 1} if linear or spatial else {}
     defines |= {"GATHER": 1} if thick is not None else {}
     defines |= {"USE_FLOAT64": 1} if real is np.float64 else {}
-    made, twin = CellRecords.of(cells), RecordsTwin.of(cells, linear=linear)
+    coefficients = LinearCoefficients.of(device, cells, real) if linear else None
+    made, twin = CellRecords.of(cells), RecordsTwin.of(cells, coefficients)
     assert made.count == len(twin.at)
     number = upload(device, "numbers", made.number)
-    sources = Sources(listed, defect, spatial and bool(scattering), known)
-    got = made.upload(build(device, "image.cl", defines), number, sources, thick)
+    got = made.upload(
+        build(device, "image.cl", defines), number, listed, defect,
+        spatial=spatial and bool(scattering), thick=thick, known=known,
+    )  # fmt: skip
 
     gradient = None
     if scattering and spatial:

@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 
 from cldit.errors import NotConvergedError
 from cldit.gpu.device import Device
-from cldit.gpu.program import build
 from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import defect_correction, gmres, order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.trace import trace
 from tests.phase_tables import henyey_greenstein
 
-from .medium import random_tree, scene_of, settings_of, sweeper_of
+from .medium import random_tree, scene_of, settings_of, sweep_program, sweeper_of
 
 
 def _rms(values: NDArray[np.floating]) -> float:
@@ -109,8 +107,7 @@ def test_residual_after_moments(device: Device, many: int) -> None:
     space = sweeper.krylov()
     sweeper.sweep(rays, shining=True)
     sweeper.residual(space, space.left, shining=True)
-    flags: dict[str, Any] = {**cells.needs.defines, **simd_defines(device)}
-    program = build(device, "sweep.cl", flags | ({"ANGULAR_MOMENTS": 1} if many > 1 else {}))
+    program = sweep_program(device, cells, {"ANGULAR_MOMENTS": 1} if many > 1 else {})
     room = sweeper.room(many)
     sweeper.moments(program, rays, out=sweeper.unset_light(many), room=room)
     listed = room[1] if many > 1 else None

@@ -8,15 +8,13 @@ import numpy as np
 
 from cldit.gpu.buffers import download
 from cldit.gpu.device import Device
-from cldit.gpu.program import build
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.tuning import Tuning
 
-from .medium import ENCLOSURE, random_tree, sweeper_of
+from .medium import ENCLOSURE, random_tree, sweep_program, sweeper_of
 
 
 def test_radiance_on_interfaces(device: Device) -> None:
@@ -27,9 +25,9 @@ def test_radiance_on_interfaces(device: Device) -> None:
     cells = OpticalCells.of(clear)
     thick = ThickRegion.of(cells, cells.box(), deeper_than=6e-10, tuning=Tuning())
     assert thick is not None
-    flags = {**cells.needs.defines, "INTERFACE_RADIANCE": 1}
+    flags = {"INTERFACE_RADIANCE": 1}
     sweeper = sweeper_of(device, cells, flags)
-    program = build(device, "sweep.cl", {**flags, **simd_defines(device)})
+    program = sweep_program(device, cells, flags)
     rng = np.random.default_rng(2)
     rays = sweeper.rays(isotropic(14, rng), rng.random((14, 2)))
     light = InterfaceRadiance.of(
@@ -63,9 +61,9 @@ def test_radiance_on_interfaces_along_an_axis(device: Device) -> None:
     deeper = float(np.median(cells.depth[cells.address]))
     thick = ThickRegion.of(cells, box, deeper_than=deeper, tuning=Tuning())
     assert thick is not None
-    flags = {**cells.needs.defines, "INTERFACE_RADIANCE": 1}
+    flags = {"INTERFACE_RADIANCE": 1}
     sweeper = sweeper_of(device, cells, flags, disc=ENCLOSURE)
-    program = build(device, "sweep.cl", {**flags, **simd_defines(device)})
+    program = sweep_program(device, cells, flags)
     along = Ordinates(unit=np.array([[0.0, 1.0, 0.0]]), weight=np.ones(1))
     rays = sweeper.rays(along, np.zeros((1, 2)))
     light = InterfaceRadiance.of(

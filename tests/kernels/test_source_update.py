@@ -2,45 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cldit.gpu.device import Device
-from cldit.gpu.program import build
 from cldit.transport.angular_moments import MOMENTS, phase_coefficients
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates import sweep as sweep_module
-from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 from .cell_twin import limit
-from .medium import DISC, random_tree
+from .medium import random_tree, sweeper_of
 
 ROUNDINGS = 4e-7  # some of single precision, of numbers up to 2
 
 
-def sweeper_of(device: Device, flags: dict[str, Any]) -> Sweeper:
+def random_sweeper(device: Device, flags: dict[str, Any]) -> Sweeper:
     """Sweeper of random cells, a third of which have a gradient with LINEAR_SOURCE."""
     cells = OpticalCells.of(random_tree(3))
-    defines: dict[str, Any] = {**cells.needs.defines, **simd_defines(device)}
     linear = np.arange(len(cells.address)) % 3 == 0 if "LINEAR_SOURCE" in flags else None
-    return Sweeper(
-        device,
-        cells,
-        build(device, "sweep.cl", {**defines, **flags}),
-        build(device, "source_update.cl", defines),
-        disc=DISC,
-        linear_cells=linear,
-    )
+    return sweeper_of(device, cells, flags, linear_cells=linear)
 
 
 @pytest.mark.parametrize("alike", [True, False])
 def test_scattered_light_is_numpys(device: Device, alike: bool) -> None:
     """All moments by one phase function or one a cell, and the limited gradient."""
-    sweeper = sweeper_of(device, {"MOMENT_SOURCE": 1, "LINEAR_SOURCE": 1})
+    sweeper = random_sweeper(device, {"MOMENT_SOURCE": 1, "LINEAR_SOURCE": 1})
     rng = np.random.default_rng(2)
     light = rng.uniform(-0.1, 1.0, (MOMENTS, sweeper.components, sweeper.count))
     gradient = rng.uniform(-1.0, 1.0, (3, sweeper.components, len(sweeper.linear_cells)))
@@ -64,7 +54,7 @@ def test_scattered_light_is_numpys(device: Device, alike: bool) -> None:
 def test_gradients_of_source_and_radiance_add_up(device: Device) -> None:
     """The gradient of the radiance is that of I - S, beside the source's if it is given."""
     flags = {"LINEAR_SOURCE": 1, "SPATIAL_MOMENTS": 1}
-    sweeper = sweeper_of(device, flags)
+    sweeper = random_sweeper(device, flags)
     rng = np.random.default_rng(2)
     sweeper.set_source(rng.random((sweeper.components, sweeper.count)), shining=True)
     rays, out = sweeper.rays(isotropic(8, rng), rng.random((8, 2))), sweeper.unset_light(1)
@@ -77,15 +67,13 @@ def test_gradients_of_source_and_radiance_add_up(device: Device) -> None:
 
 
 @pytest.mark.parametrize("flags", [{}, {"LINEAR_SOURCE": 1, "SPATIAL_MOMENTS": 1}])
-def test_boxes_that_share_a_buffer_change_nothing(
-    device: Device, flags: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_boxes_that_share_a_buffer_change_nothing(device: Device, flags: dict[str, Any]) -> None:
     """A box that both orders share, as sources and emission change from sweep to sweep."""
     results = []
-    for apart in (1.0, 0.0):
-        monkeypatch.setattr(sweep_module, "_APART", apart)
-        sweeper = sweeper_of(device, flags)
-        assert sweeper._apart == bool(apart)
+    for memory_bytes in (10**9, 0):
+        info = replace(device.info, memory_bytes=memory_bytes)
+        sweeper = random_sweeper(replace(device, info=info), flags)
+        assert sweeper.boxes.apart == bool(memory_bytes)
         rng = np.random.default_rng(2)
         rays, out = sweeper.rays(isotropic(8, rng), rng.random((8, 2))), sweeper.unset_light(1)
         for cavity in (False, True, False):
@@ -105,7 +93,7 @@ def test_boxes_that_share_a_buffer_change_nothing(
 
 def test_corrections_are_numpys(device: Device) -> None:
     """Of the source, and of the radiance that it scatters."""
-    sweeper = sweeper_of(device, {})
+    sweeper = random_sweeper(device, {})
     rng = np.random.default_rng(2)
     space, shape = sweeper.krylov(), (sweeper.components, sweeper.count)
     padded = np.zeros((2, sweeper.components, space.stride))
@@ -127,7 +115,7 @@ def test_corrections_are_numpys(device: Device) -> None:
 def test_the_error_in_a_cavity_is_numpys(device: Device, scattered: bool) -> None:
     """Less the boundary's part of the residual. Without it, it is that of the sweeps alone: in a
     cavity of radiance 1 that is that of the source, less 1."""
-    sweeper = sweeper_of(device, {})
+    sweeper = random_sweeper(device, {})
     rng = np.random.default_rng(2)
     solution = rng.uniform(0.0, 0.3, (sweeper.components, sweeper.count))
     rays = sweeper.rays(isotropic(8, rng), rng.random((8, 2)))

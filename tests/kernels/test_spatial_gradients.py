@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.medium.frame import Cube
-from cldit.medium.octree import CellSource, Octree, build_octree
+from cldit.medium.octree import Octree, build_octree
 from cldit.scene import parse_scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.image import FormalSolution
 from cldit.transport.view import View
 
 from .cell_twin import spatial_gradients
+from .medium import cells_source
 
 EDGE_M = 0.16
 CELLS = 16
@@ -28,17 +28,8 @@ def block(shape: tuple[int, int, int] = (8, 8, 8), times: float = 1.0) -> Octree
     x each is so many times as deep as the one before."""
     frame = Cube(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
     place = np.argwhere(np.ones(shape, bool)) + 4
-    lower: NDArray[np.float64] = np.asarray(-EDGE_M / 2 + place * frame.cell_m, np.float64)
     even = np.asarray(DEPTH / 2 / frame.cell_m * times ** (place[:, 0] - 4.0), np.float64)
-    source = CellSource(
-        lower_m=lower,
-        upper_m=np.asarray(lower + frame.cell_m, np.float64),
-        vapour_absorption=0 * even,
-        vapour_emission=0 * even,
-        droplet_absorption=even,
-        droplet_scattering=even,
-        droplet_emission=0 * even,
-    )
+    source = cells_source(frame, place, droplet_absorption=even, droplet_scattering=even)
     return build_octree(frame, None, [source], optical_depth_split=1e-5)
 
 
@@ -96,29 +87,6 @@ def test_change_of_light(cells: OpticalCells) -> None:
     lowest = steep - np.abs(limited).sum(axis=0) / 2
     assert lowest.min() > -1e-12
     assert (lowest < 1e-9).any()  # the bound is met
-
-
-def test_limits_keep_a_sum_that_is_even(cells: OpticalCells) -> None:
-    """Components that sum to 1 everywhere, some close to 0, do so with limited gradients."""
-    rng = np.random.default_rng(4)
-    parts = rng.exponential(size=(3, len(cells.address))) ** 4
-    parts /= parts.sum(axis=0)
-    found = spatial_gradients(parts, cells, cells.box())
-    assert np.all(parts - np.abs(found).sum(axis=0) / 2 > -1e-12)
-    np.testing.assert_allclose(found.sum(axis=1), 0.0, atol=1e-12)
-    assert np.abs(found).max() > 0.1
-
-
-def test_change_that_was_found(cells: OpticalCells) -> None:
-    """It replaces the neighbours' gradient, limited so that the radiance stays positive."""
-    light = np.full((1, len(cells.address)), 0.1)
-    which = np.array([3, 7])
-    found = np.zeros((3, 1, 2))
-    found[:, 0] = np.array([[0.05, 0.5], [0.0, 0.5], [-0.1, 1.0]])
-    changes = spatial_gradients(light, cells, cells.box(), (which, found))
-    np.testing.assert_allclose(changes[:, :, 3], found[:, :, 0])
-    np.testing.assert_allclose(changes[:, :, 7], 0.1 * found[:, :, 1])  # 2 in all, of 0.2
-    assert not np.delete(changes, which, axis=2).any()
 
 
 def test_change_between_unequal_cells() -> None:

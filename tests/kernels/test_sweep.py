@@ -12,21 +12,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
-from cldit.gpu.program import build
 from cldit.scene.vessel import Patch
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.boundary import NONE, boundary_seen, patch_rows, shifted
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, BlurredBoundary
+from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, upload_blurred
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
-from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
-from .medium import DISC, ENCLOSURE, random_tree, source_planes, sweeper_of
+from .medium import DISC, ENCLOSURE, random_tree, source_planes, sweep_program, sweeper_of
 from .reference import sweep
 
 WINDOWS = (
@@ -82,18 +79,8 @@ def test_sweep_against_numpy(
     tree = random_tree(3)
     cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in windows))
     patches = patch_rows(windows, tree.frame)
-    defines: dict[str, Any] = {**cells.needs.defines}
-    if float64:
-        defines["USE_FLOAT64"] = 1
-    sized = {**defines, **simd_defines(device), "SIMD_WIDTH": vector}
-    sweeper = Sweeper(
-        device,
-        cells,
-        build(device, "sweep.cl", sized),
-        build(device, "source_update.cl", sized),
-        disc=DISC,
-        patches=patches,
-    )
+    double = {"USE_FLOAT64": 1} if float64 else {}
+    sweeper = sweeper_of(device, cells, {**double, "SIMD_WIDTH": vector}, patches=patches)
     rng = np.random.default_rng(5)
     directions = isotropic(12, rng)
     starts = rng.random((12, 2))
@@ -130,12 +117,11 @@ def moments(
     "got" is the kernel's, "expected" the NumPy twin's. "given" is the source (1 or 9, C, N),
     "changes" its gradient (3, C, M). With SPATIAL_MOMENTS, "more" is the radiance's gradient less
     the source's, and "expected more" the twin's."""
-    defines: dict[str, Any] = {**cells.needs.defines, "SIMD_WIDTH": vector}
-    program = build(device, "sweep.cl", {**defines, **flags, "ANGULAR_MOMENTS": 1})
+    defines = {**flags, "ANGULAR_MOMENTS": 1, "SIMD_WIDTH": vector}
+    program = sweep_program(device, cells, defines)
     rng = np.random.default_rng(5)
     linear_cells = rng.random(len(cells.address)) < 0.3 if "SPATIAL_MOMENTS" in flags else None
-    iterate = build(device, "source_update.cl", defines)
-    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, linear_cells=linear_cells)
+    sweeper = sweeper_of(device, cells, defines, linear_cells=linear_cells)
     directions, starts = isotropic(12, rng), rng.random((12, 2))
     moments = MOMENTS if "MOMENT_SOURCE" in flags else 1
     given = rng.uniform(-0.3, 1.0, (moments, sweeper.components, sweeper.count))
@@ -245,18 +231,12 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     cells = OpticalCells.of(tree)
     fields = {name: 1e-9 * values for name, values in tree.fields.items()}
     clear = OpticalCells.of(replace(tree, fields=fields))
-    defines = {
-        **cells.needs.defines,
-        **simd_defines(device),
-        "LINEAR_SOURCE": 1,
-        "SPATIAL_MOMENTS": 1,
-    }
-    program = build(device, "sweep.cl", defines)
-    flags = {"CAMERA_SWEEP": 1}
+    linear = {"LINEAR_SOURCE": 1}
+    defines = {**linear, "SPATIAL_MOMENTS": 1}
+    program = sweep_program(device, cells, defines)
     rng = np.random.default_rng(5)
     linear_cells = rng.random(len(cells.address)) < 0.3
-    iterate = build(device, "source_update.cl", defines)
-    sweeper = Sweeper(device, cells, program, iterate, disc=DISC, linear_cells=linear_cells)
+    sweeper = sweeper_of(device, cells, defines, linear_cells=linear_cells)
     given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
     changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
     sweeper.set_source(given, shining=True, gradient=changes)
@@ -264,16 +244,19 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     out = sweeper.unset_light(1)
     more = sweeper.read_gradient(sweeper.moments(program, rays, out=out))
     light = sweeper.read(out)[None]
-    even = {name: value for name, value in defines.items() if name != "SPATIAL_MOMENTS"}
-    towards = build(device, "sweep.cl", {**defines, **flags})
-    seen_there = build(device, "sweep.cl", {**even, **flags, "VIEW_TRANSMISSION": 1})
+    flags = {"CAMERA_SWEEP": 1}
+    towards = sweep_program(device, cells, {**defines, **flags})
+    seen_there = sweep_program(device, cells, {**linear, **flags, "VIEW_TRANSMISSION": 1})
+    nowhere: dict[str, Any] = {"phase": np.zeros(1), "place": np.zeros(4)}
     for seen in (clear, cells):
-        camera = CameraSweep.of(sweeper, towards, seen, phase=np.zeros(1), place=np.zeros(4))
+        camera = CameraSweep.of(sweeper.boxes, towards, seen, **nowhere)
         mean, discrete_to_moment = sweeper.view_weighted_mean(camera, rays)
         np.testing.assert_allclose(mean, light[0], rtol=0, atol=2e-6)  # a few roundings of 12 rays
         assert discrete_to_moment is not None
         np.testing.assert_allclose(discrete_to_moment, more, atol=5e-5)  # twelve times as much
-        camera = CameraSweep.of(sweeper, seen_there, seen, phase=np.zeros(1), place=np.zeros(4))
+        camera = CameraSweep.of(
+            sweeper.boxes, seen_there, seen, phase=np.zeros(1), place=np.zeros(4)
+        )
         mean, _ = sweeper.view_weighted_mean(camera, rays)
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
 
@@ -291,21 +274,12 @@ def test_blurred_boundary_against_numpy(
     whole = OpticalCells.of(tree, patches=names)
     cells = OpticalCells.of(tree, patches=names, scattered=0.4).in_units_of(whole)
     patches = patch_rows(windows, tree.frame)
-    defines: dict[str, Any] = {
-        **cells.needs.defines,
-        **simd_defines(device),
-        "SIMD_WIDTH": vector,
-        "LINEAR_SOURCE": 1,
-        "SPATIAL_MOMENTS": 1,
-        "CAMERA_SWEEP": 1,
-        "BLURRED_BOUNDARY": SIDE,
-    }
-    program, update = build(device, "sweep.cl", defines), build(device, "source_update.cl", defines)
+    defines = {"SIMD_WIDTH": vector, "LINEAR_SOURCE": 1, "SPATIAL_MOMENTS": 1,
+               "CAMERA_SWEEP": 1, "BLURRED_BOUNDARY": SIDE}  # fmt: skip
+    program = sweep_program(device, cells, defines)
     rng = np.random.default_rng(5)
     linear_cells = rng.random(len(cells.address)) < 0.3
-    sweeper = Sweeper(
-        device, cells, program, update, disc=DISC, patches=patches, linear_cells=linear_cells
-    )
+    sweeper = sweeper_of(device, cells, defines, patches=patches, linear_cells=linear_cells)
     given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
     changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
     sweeper.set_source(given, shining=True, gradient=changes)
@@ -313,11 +287,8 @@ def test_blurred_boundary_against_numpy(
     maps = rng.uniform(-0.1, 1.1, (12, 1 + len(windows), SIDE, SIDE))
     frames = rng.uniform(-0.3, 0.3, (12, 2, 4))
     frames[..., 3] += 2.0
-    blurred = BlurredBoundary(
-        upload(device, "maps", maps.astype(np.float32)),
-        upload(device, "frames", frames.astype(np.float32)),
-    )
-    camera = CameraSweep.of(sweeper, program, whole, phase=np.zeros(1), place=np.zeros(4))
+    blurred = upload_blurred(device, maps, frames, np.float32)
+    camera = CameraSweep.of(sweeper.boxes, program, whole, phase=np.zeros(1), place=np.zeros(4))
     got, more = sweeper.view_weighted_mean(
         camera, sweeper.rays(directions, starts), blurred=blurred
     )

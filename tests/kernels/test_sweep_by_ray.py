@@ -8,22 +8,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.gpu.buffers import clear, download, upload
+from cldit.gpu.buffers import clear, download
 from cldit.gpu.device import Device
-from cldit.gpu.program import Program, build
+from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.boundary import patch_rows
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, BlurredBoundary
+from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, upload_blurred
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.quadrature import isotropic
-from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.tuning import Tuning
 
-from .medium import DISC, random_tree
+from .medium import random_tree, sweep_program, sweeper_of
 from .test_sweep import WINDOWS
 
 COUNT = 14
@@ -51,19 +50,11 @@ def swept(
     tree = random_tree(3)
     cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in WINDOWS))
     rng = np.random.default_rng(5)
-    own = cells.needs.defines
-    real = {"USE_FLOAT64": 1} if "USE_FLOAT64" in variant else {}
-    program = build(device, "sweep.cl", {**own, **variant, **way})
+    defines = {**variant, **way}
+    program = sweep_program(device, cells, defines)
     linear_cells = rng.random(len(cells.address)) < 0.3 if "LINEAR_SOURCE" in variant else None
-    sweeper = Sweeper(
-        device,
-        cells,
-        program,
-        build(device, "source_update.cl", {**own, **real, **way}),
-        disc=DISC,
-        patches=patch_rows(WINDOWS, tree.frame),
-        linear_cells=linear_cells,
-    )
+    patches = patch_rows(WINDOWS, tree.frame)
+    sweeper = sweeper_of(device, cells, defines, patches=patches, linear_cells=linear_cells)
     moments = MOMENTS if "MOMENT_SOURCE" in variant else 1
     source = rng.uniform(-0.3, 1.0, (moments * sweeper.components, sweeper.count))
     changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
@@ -90,13 +81,10 @@ def swept(
             maps = rng.uniform(-0.1, 1.1, (COUNT, 1 + len(WINDOWS), SIDE, SIDE))
             frames = rng.uniform(-0.3, 0.3, (COUNT, 2, 4))
             frames[..., 3] += 2.0
-            blurred = BlurredBoundary(
-                upload(device, "maps", maps.astype(np.float32)),
-                upload(device, "frames", frames.astype(np.float32)),
-            )
+            blurred = upload_blurred(device, maps, frames, np.float32)
         classes = rng.random((variant.get("PHASE_CLASSES", 1), len(cells.depth)))
         camera = CameraSweep.of(
-            sweeper,
+            sweeper.boxes,
             program,
             cells,
             phase=rng.uniform(0.5, 2.0, len(classes) * PHASE_STEPS),
@@ -157,10 +145,7 @@ def test_sums_in_two_words_have_the_same_bits(device: Device, variant: str) -> N
 def test_rays_fill_a_gpu_with_few_launches(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """A sweep by ray is one launch for each order of axes, however many ordinates it has."""
     cells = OpticalCells.of(random_tree(3))
-    defines: dict[str, Any] = {**cells.needs.defines, **BY_RAY}
-    program = build(device, "sweep.cl", defines)
-    update = build(device, "source_update.cl", defines)
-    sweeper = Sweeper(device, cells, program, update, disc=DISC)
+    sweeper = sweeper_of(device, cells, BY_RAY)
     rng = np.random.default_rng(1)
     rays = sweeper.rays(isotropic(200, rng), rng.random((200, 2)))
     launches: list[str] = []

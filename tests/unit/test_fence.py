@@ -47,7 +47,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6250,
     "study": 3500,
     "testing": 1500,
-    "transport": 8000,
+    "transport": 7750,
 }
 NO_MODULES = {"cldit", "cldit.drivers"}  # as texts: the distribution, and a group of entry points
 ARROWS: dict[str, str] = {

@@ -34,8 +34,7 @@ PLACES: dict[str, set[str]] = {
     "imwrite": {"images.py"},
     "savefig": {"style.py"},  # into memory
     # resources of the package, pages that the same command wrote, /proc
-    "read_text": {"program.py", "kernel_source.py", "liquid.py", "vapour.py", "load.py"}
-    | {"free_memory.py"},
+    "read_text": {"program.py", "kernel_source.py", "shipped.py", "load.py"} | {"free_memory.py"},
     "constant": {"constants.py"},
 }
 

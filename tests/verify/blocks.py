@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import cldit
+from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.run import Run
 from cldit.spray.result import Spray
@@ -35,6 +36,14 @@ def grid_scene(
     }
     np.savez(file, **contents)
     return {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
+
+
+def compared(ours: Sequence[Run], theirs: Sequence[Run], name: str) -> tuple[Floats, float]:
+    """Difference (H, W) of a weight between the means of two independent runs each, and the mean
+    square of its noise, from the differences of both pairs."""
+    a, b, c, d = (run.weights.images[name].astype(float) for run in (*ours, *theirs))
+    noise = float(np.mean((a - b) ** 2) + np.mean((c - d) ** 2)) / 4
+    return (a + b) / 2 - (c + d) / 2, noise
 
 
 @dataclass(frozen=True)

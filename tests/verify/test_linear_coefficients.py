@@ -13,13 +13,14 @@ from scipy.special import ndtr
 from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.medium.frame import Cube
-from cldit.medium.octree import CellSource, Octree, build_octree
+from cldit.medium.octree import Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Method
 from cldit.transport.trace import TraceSettings, trace
-from tests.kernels.cell_twin import linear_of
+from tests.kernels.cell_twin import LinearCoefficients
+from tests.kernels.medium import cells_source
 from tests.phase_tables import henyey_greenstein
 
 EDGE_M, SIGMA_M, PIXELS = 0.16, 0.012, 37
@@ -51,10 +52,9 @@ def medium(cells: int, *, albedo: float = 0.0, gas: float = 0.0) -> Octree:
     droplets, other = DEPTH * gaussian(cells, CENTRE_M), gaussian(cells, HOT_M)
     place = np.argwhere((droplets + other) * frame.cell_m > 1e-8)
     at = tuple(place.T)
-    lower = np.asarray(place * frame.cell_m - EDGE_M / 2, np.float64)
-    source = CellSource(
-        lower_m=lower,
-        upper_m=np.asarray(lower + frame.cell_m, np.float64),
+    source = cells_source(
+        frame,
+        place,
         vapour_absorption=gas * other[at],
         vapour_emission=0.7 * gas * other[at],
         droplet_absorption=(1 - albedo) * droplets[at],
@@ -182,11 +182,10 @@ def test_cavity_is_flat(device: Device, method: Method, phase: ScatteringTable |
     rng = np.random.default_rng(4)
     frame = Cube(lower_m=(-EDGE_M / 2,) * 3, edge_m=EDGE_M, depth=4)
     place = np.argwhere(rng.random((16, 16, 16)) < 0.5)
-    lower = np.asarray(place * frame.cell_m - EDGE_M / 2, np.float64)
     gas, absorbing, scattering = 10.0 ** rng.uniform(-2, 1.7, (3, len(place)))
-    source = CellSource(
-        lower_m=lower,
-        upper_m=np.asarray(lower + frame.cell_m, np.float64),
+    source = cells_source(
+        frame,
+        place,
         vapour_absorption=gas,
         vapour_emission=gas,
         droplet_absorption=absorbing,
@@ -194,7 +193,7 @@ def test_cavity_is_flat(device: Device, method: Method, phase: ScatteringTable |
         droplet_emission=absorbing,
     )
     tree = build_octree(frame, None, [source], optical_depth_split=1e-9)
-    assert np.abs(linear_of(OpticalCells.of(tree)).extinction).max() > 1
+    assert np.abs(LinearCoefficients.of(device, OpticalCells.of(tree)).extinction).max() > 1
     chosen = replace(
         SETTINGS, method=method, linear_coefficients=True, accuracy_K=0.5, max_samples=512,
         order=1 if method == "branching" else None, audit=False, phase=phase,

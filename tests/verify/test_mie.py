@@ -205,9 +205,3 @@ def test_rayleigh_limit() -> None:
         q_ext, q_sca, _ = _efficiencies(1.338, 0.0341, x)
         assert q_ext - q_sca == pytest.approx(-4 * x * contrast.imag, rel=2 * x * x + 3e-4)
         assert q_sca == pytest.approx(8 / 3 * x**4 * abs(contrast) ** 2, rel=2 * x * x + 3e-4)
-
-
-def test_absorption_takes_away_and_never_gives() -> None:
-    """Without absorption none is left: test_droplets.py."""
-    c_abs, c_sca = _table(1.338, 0.0341).cross_sections(np.geomspace(1e-8, 5e-4, 2000))
-    assert np.all(c_sca > 0) and np.all(c_abs > 0)

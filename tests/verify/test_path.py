@@ -16,6 +16,7 @@ from cldit.run import Run
 from cldit.transport.trace import Trace, trace
 from tests.phase_tables import henyey_greenstein
 
+from .blocks import compared
 from .cavity import cavity, departure
 from .slab import EDGE, disort, droplets_of_9_um, run_slab
 
@@ -128,13 +129,10 @@ def test_orders_are_those_of_source_iteration(
     ]
     source = [cube(run_block, cells=64, **common, directions=256, seed=seed) for seed in (1, 2)]
     for name in ("background", "wall"):
-        a, b = (getattr(run.weights, name).astype(float) for run in path)
-        c, d = (getattr(run.weights, name).astype(float) for run in source)
-        noise = (np.mean((a - b) ** 2) + np.mean((c - d) ** 2)) / 4
-        difference = (a + b) / 2 - (c + d) / 2
+        difference, noise = compared(path, source, name)
         # An estimate of noise from 357 pixels is good to sqrt(2 / 357) = 7.5 %; four of these.
         assert np.mean(difference**2) < 1.3 * noise + 1.1e-3**2
-        assert abs(np.mean(difference)) < 4 * np.sqrt(noise / a.size) + 5e-4
+        assert abs(np.mean(difference)) < 4 * np.sqrt(noise / difference.size) + 5e-4
 
 
 @pytest.mark.slow
@@ -151,11 +149,8 @@ def test_gathering_at_order_2(run_block: Callable[..., Run]) -> None:
     gathered = [
         cube(run_block, **common, **noisy, gather=True, directions=128, seed=s) for s in (3, 4)
     ]
-    a, b = (run.weights.wall.astype(float) for run in path)
-    c, d = (run.weights.wall.astype(float) for run in gathered)
-    noise = (np.mean((a - b) ** 2) + np.mean((c - d) ** 2)) / 4
-    difference = np.mean(((a + b) / 2 - (c + d) / 2) ** 2)
-    assert difference < 1.3 * noise + 4e-3**2
+    difference, noise = compared(path, gathered, "wall")
+    assert np.mean(difference**2) < 1.3 * noise + 4e-3**2
     open_ = departure(gathered[0])
     assert abs(open_.mean()) < 4 * open_.std() / open_.size**0.5 + 1e-5
 

@@ -30,8 +30,6 @@ from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
 ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
-_FIRST = 1e-3  # age of the first step, over the last
-_UNCHANGED = 1e-6  # of the way, and of the share that is left
 
 
 def lag(xi2: Floats) -> Floats:
@@ -73,7 +71,8 @@ def plume_kinetics(
     Twice as many change the evaporated share of `gdi-cone` by at most 7e-4 (`rings` of equal area),
     5e-3 (`classes` of size) and 9e-4 (`steps`).
     """
-    age = np.append(0.0, np.geomspace(_FIRST, 1.0, steps)) * oldest_s
+    # The first step is a thousandth of the last age.
+    age = np.append(0.0, np.geomspace(1e-3, 1.0, steps)) * oldest_s
     xi = np.sqrt((np.arange(rings) + 0.5) / rings)
     diameter = strata_m(spec.droplets, classes)
     hot = np.full(classes, spec.fuel_temperature_K)
@@ -106,6 +105,6 @@ def plume_kinetics(
         speed[1:] = np.where(liquid[1:] > 0, velocity, gas_m_s)
         distance[1:] = np.cumsum(0.5 * step * (speed[:-1] + speed[1:]), axis=0)
         moved = np.abs(distance - previous[1]).max() / distance.max()
-        if max(moved, np.abs(liquid - previous[0]).max()) < _UNCHANGED:
+        if max(moved, np.abs(liquid - previous[0]).max()) < 1e-6:
             break
     return Kinetics(age, liquid, distance, speed)

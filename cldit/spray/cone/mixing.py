@@ -34,7 +34,6 @@ from cldit.spray.cone.fluid_properties import (
 from cldit.spray.cone.wet_bulb import at_rest
 from cldit.spray.droplet.arrays import DropletKernels
 
-_FINE = 400  # entries in the range of liquid: steps of 4 % in B, 1e7^(1/399)
 # Evaporated shares from 0 to 1, linear between them. Rich mixtures are saturated at a share of some
 # 1 %, so steps grow from 0.02 to 2.5 %: gas within 5 K at B up to 100, where even ones leave 44 K.
 _SLICES = 81
@@ -232,7 +231,8 @@ def heptane_mixture(
 ) -> Mixture:
     """Table of liquid n-heptane in nitrogen; without kernels nothing evaporates, and no heat is
     exchanged."""
-    ratio = np.unique(np.concatenate([np.geomspace(1e-9, 1e6, 90), np.geomspace(1e-4, 1e3, _FINE)]))
+    # In the range of liquid steps of B are 4 %, 1e7^(1/399).
+    ratio = np.unique(np.concatenate([np.geomspace(1e-9, 1e6, 90), np.geomspace(1e-4, 1e3, 400)]))
     if kernels is None:
         return _table(
             ratio,

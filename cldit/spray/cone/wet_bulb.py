@@ -43,7 +43,6 @@ from cldit.spray.droplet.models import MODELS
 from cldit.spray.droplet.rates import Drop, Rates, rates
 
 _SIZE_m = 10e-6  # arbitrary: both rates are proportional to it at rest
-_ZOOMS = 5  # each by 400: 1e13, down to rounding
 _POINTS = 400  # of a zoom; and of a midpoint rule, of error 1/(24 400^2) = 3e-7 of the curvature
 _STEPS = 500  # of the d^2 law
 
@@ -135,7 +134,8 @@ def wet_bulb(
         return at_rest(surface_K, kernels, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
 
     low, high = 0.4 * gas_K, max(gas_K, HEPTANE_CRITICAL_K)
-    for _ in range(_ZOOMS):
+    # Five zooms by 400 each: 1e13, down to rounding.
+    for _ in range(5):
         surface = np.linspace(low, high, _POINTS + 1)
         index = int(np.clip(np.count_nonzero(at(surface).heat_W > 0), 1, _POINTS))
         low, high = surface[index - 1 : index + 1]

@@ -22,9 +22,6 @@ from cldit.spray.flow.notional_nozzle import Expansion, expand
 from cldit.spray.flow.parcels import FlyingParcels, REACH_m
 from cldit.spray.flow.rays import RayGrid
 
-_FLAT = float(np.sqrt(np.pi) / 2)  # integral of exp(-x^2), the area of the profile of a source
-_SAME = 1e-9  # relative change of the mass of a step that is no change
-
 
 def inject_gas(spec: LagrangianSpray, fuel: Fuel) -> tuple[Injection, Expansion]:
     """Holes with the flow of their notional nozzles, no parcels, and the expansion to them.
@@ -106,7 +103,8 @@ class GasJets:
         self._time_s += step_s
         total = float(np.interp(self._time_s, *self._released))
         mass = total - self.injected_kg
-        if abs(mass - self._last_kg) > _SAME * self._last_kg:
+        # A smaller change is rounding.
+        if abs(mass - self._last_kg) > 1e-9 * self._last_kg:
             for plane, values in enumerate(self._rate):
                 self.flow.write("amounts", mass * values, plane)
             self._last_kg = mass
@@ -154,7 +152,8 @@ def _sources(
         beside2 = np.sum(place * place, axis=-1) - along * along
         # In a step of the gas a source expels less than its own gas.
         part = (along - nose_m) / max(barrel_m - nose_m, REACH_m)
-        width2 = np.maximum(part, 1e-3) * (diameter_m / 2) ** 2 / _FLAT
+        # The area of the profile of a source is the integral of exp(-x^2), sqrt(pi) / 2.
+        width2 = np.maximum(part, 1e-3) * (diameter_m / 2) ** 2 / float(np.sqrt(np.pi) / 2)
         # Not less than a cell, of which there is one at least.
         width2 = width2 + 0.25 * grid.angle[:, :, None] * grid.middle[2] ** 2
         source = np.where((part > 0) & (part < 1), np.exp(-((beside2 / width2) ** 2)), 0.0)

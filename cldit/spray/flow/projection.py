@@ -16,8 +16,6 @@ from cldit.gpu.program import Launch
 from cldit.spray.flow.ray_fields import RayFields
 from cldit.spray.flow.rays import RayGrid
 
-_ROWS = 4  # of a product that a work-item makes, kernels/spray/gas_projection.cl
-
 
 class Projection:
     """Solver of div(grad(potential)) = amiss, in flux form, for a grid."""
@@ -77,7 +75,8 @@ class Projection:
             "columns": columns,
             "batches": 1 if azimuth else azimuths,
         }
-        items = columns // f.simd_width * -(-count // _ROWS) * arguments["batches"]
+        # A work-item makes four rows of a product, see kernels/spray/gas_projection.cl.
+        items = columns // f.simd_width * -(-count // 4) * arguments["batches"]
         return f.grouped(self._program, "transform", items, arguments)
 
 

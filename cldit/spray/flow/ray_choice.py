@@ -29,8 +29,6 @@ _BEHIND = np.radians(115.0)  # of the injector's axis, up to where there is gas
 _POLE = np.radians(15.0)
 _NEAREST_POLE = np.radians(3.0)
 _FIRST_TIME_S = 1.25e-3  # up to which all times have one domain; later ones double it
-_OVER = 1.15  # Naber and Siebers' penetration; one plume alone in hot, thin gas has 1.12 times it
-_LEAST_LEAN = np.radians(15.0)  # of plumes beside a pole on the injector's axis
 _FEWEST = 3  # cells between planes of symmetry
 
 
@@ -72,7 +70,8 @@ def ray_grid(spec: LagrangianSpray, injection: Injection, *, gas_kg_mol: float) 
         return _checked(RayGrid(_frame(down, axis), radius, polar, azimuth, kind), spec)
     down = np.array([0.0, 0.0, -1.0])
     leans = np.arccos(np.clip(axes @ down, -1.0, 1.0))
-    if leans.min() >= _LEAST_LEAN:
+    # Plumes beside a pole on the injector's axis.
+    if leans.min() >= np.radians(15.0):
         # A full circle of azimuth, in which every plume flows along a line of the grid.
         low, high = max(float(leans.min()) - _BESIDE, 0.0), float(leans.max()) + _BESIDE
         polar = _fine(low, high, h, 0.0, max(_BEHIND, high + 0.05))
@@ -146,7 +145,8 @@ def _reach_m(spec: LagrangianSpray, injection: Injection, gas_kg_mol: float) -> 
     far_m = 1.6 * reach + _LEAST_DEPTH_m if spec.box.depth_m is None else spec.box.depth_m
     if far_m < _LEAST_DEPTH_m:
         raise SprayError(f"{DEPTH_KEY}: {far_m:g}; allowed: {_LEAST_DEPTH_m:g} and more")
-    return _OVER * reach, far_m
+    # Naber and Siebers' penetration; one plume alone in hot, thin gas has 1.12 times it.
+    return 1.15 * reach, far_m
 
 
 def _frame(pole: Floats, towards: Floats | None = None) -> Floats:

@@ -21,8 +21,6 @@ NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from 
 SPACING_m = 0.5e-3  # of the lattice, whatever the grid is
 _NEAR_m = (10e-3, 4e-3)  # of the tip: half of the spacing in each, three voxels or more in a plume
 _FAINT = 0.1  # of NEGLIGIBLE, which is added to voxels
-_MOST = 240  # voxels along an axis
-_ROUNDS = 30  # of the shells' factors: their content is right to 1e-3 or so
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,8 @@ def lattices_of(grid: RayGrid, rich: Mask) -> list[Lattice]:
     """Lattice around the cells that are rich (A, P, R), and one in the place of its voxels near
     the tip, of half the spacing, in which there may be another one."""
     low, high = _bounds(grid, rich)
-    edge_m = max(SPACING_m, float(np.max(high - low)) / _MOST)
+    # At most 240 voxels along an axis.
+    edge_m = max(SPACING_m, float(np.max(high - low)) / 240)
     corner = edge_m * (np.floor(low / edge_m) - 1)
     shape = np.ceil((high - corner) / edge_m).astype(np.int64) + 2
     lattices = []
@@ -105,7 +104,8 @@ def shell_factors(grid: RayGrid, vapour: Floats) -> Floats:
     shell = radius.weight * radius.place**2 * ((1 - part) * along[low] + part * along[high])
     content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
     factor = np.ones(len(along))
-    for _ in range(_ROUNDS):
+    # The shells' content is then right to 1e-3 or so.
+    for _ in range(30):
         amount = shell * ((1 - part) * factor[low] + part * factor[high])
         summed = np.bincount(radius.cell, amount, len(along))
         factor *= np.divide(content, summed, out=np.ones_like(factor), where=summed > 0)

@@ -24,10 +24,7 @@ from cldit.spray.flow.sampled import sampled
 from cldit.spray.result import Parcels, Spray
 
 LONGEST_STEP_S = 2e-5
-_RECORDS = 100  # rows of the history of one spray
 CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
-_FEWEST_GAS_STEPS = 2  # near the tip cells are shorter, and the gas's divergence is a step late
-_FEWEST_JET_STEPS = 3  # a source of gas, `REACH_m` long, moves by a third of it
 MOST_GAS_STEPS = 32  # of a step of the parcels
 SLACK = 1.5  # of the speed of the gas over that of the liquid; a lump of parcels overshoots
 _CHECKED = 16  # steps between two looks at the state
@@ -61,7 +58,7 @@ def simulate_spray(
         SprayError: an impossible combination of values, or a flow that cannot be computed.
     """
     times_s = (spec.time_s,)
-    return next(simulate_times(spec, times_s, device, cache=cache, watch=watch, records=_RECORDS))
+    return next(simulate_times(spec, times_s, device, cache=cache, watch=watch, records=100))
 
 
 def simulate_times(
@@ -139,7 +136,9 @@ class _State:
             self.cloud = GasJets(spec, self.injection, jet, self.flow)
         # A gas step takes no parcel farther than a cell where cells have the scene's spacing.
         steps = math.ceil(CELLS_A_STEP * REACH_m / spec.box.cell_m)
-        fewest = _FEWEST_GAS_STEPS if jet is None else _FEWEST_JET_STEPS
+        # Near the tip cells are shorter, and the gas's divergence is a step late: at least two.
+        # A source of gas, `REACH_m` long, moves by a third of it.
+        fewest = 2 if jet is None else 3
         self.gas_steps = gas_steps or max(fewest, steps)
         self.time_s, self.steps, self._fastest_m_s = 0.0, 0, self.injection.speed_m_s
         self.rows: list[tuple[float, ...]] = []

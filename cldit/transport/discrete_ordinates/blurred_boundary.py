@@ -28,10 +28,6 @@ from cldit.transport.view import View
 
 SIDE = 8  # places along a side of a map
 _ANGLES, _TURNS = 24, 8  # of the peak: bins of the sine of half the angle, and azimuths
-_KEPT = 4  # moments equal to those of unscattered light
-# Of two random places on a chord, the one nearer to the end is a third of the chord from it in the
-# mean: a sixth beyond the middle.
-_BEYOND = 1 / 6
 
 
 @dataclass(frozen=True)
@@ -48,7 +44,7 @@ class ForwardPeak:
     @classmethod
     def of(cls, phase: ScatteringTable) -> "ForwardPeak | None":
         """Peak of a phase function; None if its third moment is not above 0."""
-        moments = phase.moments(_KEPT)
+        moments = phase.moments(4)
         forward = float(moments[-1])
         if forward <= 0:
             return None
@@ -77,39 +73,18 @@ def _across(ray: Floats) -> tuple[Floats, Floats]:
     return axis_u, np.cross(ray, axis_u)
 
 
-@dataclass(frozen=True)
-class BlurredBoundary:
-    """Maps of the blurred boundary over the rays of each ordinate, on the device.
+def upload_blurred(
+    device: Device, maps: Floats, frames: Floats, real: type[np.floating]
+) -> dict[str, Any]:
+    """Kernel arguments of the sweep for BLURRED_BOUNDARY, except the optical depth.
 
-    maps: [ordinate][component except the wall][row][column].
-    frames: [ordinate][2] rows x, y, z and offset, which give a ray's column and row.
+    The arguments are those of `blurred_maps`.
     """
-
-    maps: Any
-    frames: Any
-
-    @classmethod
-    def of(
-        cls,
-        device: Device,
-        view: View,
-        box: SweptBox,
-        directions: Ordinates,
-        peak: ForwardPeak,
-        *,
-        real: type[np.floating],
-    ) -> "BlurredBoundary":
-        """Computes and uploads the maps, see `blurred_maps`."""
-        maps, frames = blurred_maps(view, box, directions, peak)
-        return cls(
-            upload(device, "blurred boundary", maps.astype(real)),
-            upload(device, "blurred boundary", frames.astype(real)),
-        )
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Kernel arguments of the sweep for BLURRED_BOUNDARY, except the optical depth."""
-        return {"blurred_maps": self.maps, "blurred_frames": self.frames}
+    arrays = {"blurred_maps": maps, "blurred_frames": frames}
+    return {
+        name: upload(device, "blurred boundary", array.astype(real))
+        for name, array in arrays.items()
+    }
 
 
 def blurred_maps(
@@ -117,8 +92,8 @@ def blurred_maps(
 ) -> tuple[Floats, Floats]:
     """Maps (N, B - 1, SIDE, SIDE) of the blurred boundary over the rays of each ordinate.
 
-    They have all components except the wall. The second result are the frames (N, 2, 4) as in
-    `BlurredBoundary`.
+    They have all components except the wall. The second result are the frames (N, 2, 4): rows x, y,
+    z and offset, which give a ray's column and row in a map.
     """
     size = np.asarray(box.shape, float)
     centre, radius = view.disc[:3] - box.low, float(view.disc[3]) ** 0.5
@@ -132,7 +107,9 @@ def blurred_maps(
         axes = np.stack(_across(unit))
         reach = np.abs(axes) @ size / 2
         chord = np.prod(size) / (np.abs(unit) @ (np.prod(size) / size))  # the mean of all rays
-        middle = size / 2 + _BEYOND * chord * unit
+        # Of two random places on a chord, the one nearer to the end is a third of the chord from it
+        # in the mean: a sixth beyond the middle.
+        middle = size / 2 + 1 / 6 * chord * unit
         at = (
             middle
             + place[None, :, None] * reach[0] * axes[0]

@@ -1,29 +1,17 @@
 """Weights for scattering to the camera in the final sweeps (stage 3 of `trace_source`)."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.gpu.buffers import upload, zeros
-from cldit.gpu.device import Device
 from cldit.gpu.program import Program
-from cldit.transport.cells import OpticalCells, SweptBox, mean_transmission
+from cldit.transport.cells import OpticalCells, mean_transmission
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder
-from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_too
-from cldit.transport.discrete_ordinates.sweep_arrays import Real
-
-
-class SweptCells(Protocol):
-    """The cells of a `Sweeper`, which is above this file."""
-
-    device: Device
-    box: SweptBox
-    packets: dict[bool, CellPackets]
-    real: Real
-    sum_type: type[np.generic]
+from cldit.transport.discrete_ordinates.swept_boxes import SweptBoxes
 
 
 @dataclass(frozen=True)
@@ -47,7 +35,7 @@ class CameraSweep:
     @classmethod
     def of(
         cls,
-        sweeper: SweptCells,
+        boxes: SweptBoxes,
         program: Program,
         medium: OpticalCells,
         *,
@@ -65,7 +53,7 @@ class CameraSweep:
             place: (4,) likewise, in cells of the cube.
             classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
-        device, box, packets, real = sweeper.device, sweeper.box, sweeper.packets, sweeper.real
+        device, box, packets, real = boxes.device, boxes.box, boxes.packets, boxes.real
         seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}
         views: dict[str, Floats] = {}
         if "VIEW_TRANSMISSION" in program.defines:
@@ -73,28 +61,20 @@ class CameraSweep:
         if "BLURRED_BOUNDARY" in program.defines:
             views["whole_depth"] = medium.depth
         for name, values in views.items():
-            dense = turned_too(medium.dense(box, values.astype(real)))
+            dense = medium.dense(box, values.astype(real))
             for turned, cell_packets in packets.items():
-                seen[turned][name] = upload(
-                    device, "optical depth", cell_packets.packed(dense[turned])
-                )
+                seen[turned][name] = upload(device, "optical depth", cell_packets.packed(dense))
         if classes is not None:
-            dense_shares = [
-                turned_too(medium.dense(box, class_share.astype(real)))
-                for class_share in classes[1:]
-            ]
+            shares = [medium.dense(box, class_share.astype(real)) for class_share in classes[1:]]
             for turned, cell_packets in packets.items():
-                packed = np.stack(
-                    [cell_packets.packed(class_share[turned]) for class_share in dense_shares],
-                    axis=1,
-                )
+                packed = np.stack([cell_packets.packed(share) for share in shares], axis=1)
                 seen[turned]["class_shares"] = upload(device, "size classes", packed)
         return cls(
             program=program,
             phase=upload(device, "phase function", phase.astype(real)),
             place=(place - [*box.low, 0.0]).astype(real),
             shares={
-                turned: zeros(device, "shares", cell_packets.cells, sweeper.sum_type)
+                turned: zeros(device, "shares", cell_packets.cells, boxes.sum_type)
                 for turned, cell_packets in packets.items()
             },
             seen=seen,

@@ -1,16 +1,18 @@
 """Quadrature of discrete ordinates on the device, with its sweep schedules."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.transport.cells import SweptBox
+from cldit.transport.discrete_ordinates.cell_packets import Real
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
-from cldit.transport.discrete_ordinates.sweep_arrays import Real
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, sweep_schedules
 
 
@@ -37,32 +39,22 @@ class DeviceOrdinates:
         real: Real,
     ) -> "DeviceOrdinates":
         """Uploads a quadrature; arguments as in `sweep_schedules`. `edge` None: without tiles."""
-        ready = []
         tile_edge = max(box.shape) if edge is None else edge
-        for schedule in sweep_schedules(box, directions, starts, batch=batch, edge=tile_edge):
-            nothing = np.zeros((len(schedule), 1))
-            margin = schedule.layout.size[2] + 1  # cells by which rays shift
-            origin = np.where([schedule.rightwards, schedule.upwards], margin, 1)
-            tables = {
-                **({} if edge is None else {"tiles": schedule.tiles}),
-                "begins_at": schedule.begins,
-                "sides": schedule.exit_faces,
-                "shifts": schedule.shifts,
-                "parts": np.column_stack([schedule.midpoint, schedule.layer_share]).astype(real),
-                "backs": np.column_stack([schedule.back, nothing]).astype(real),
-                "beams": np.column_stack([schedule.path_per_layer, schedule.weight]).astype(real),
-                "origins": np.column_stack([*origin, schedule.number, nothing]).astype(np.int32),
-            }
-            slope = schedule.basis_scale * schedule.back
-            spatial = {
-                "basis": np.column_stack([schedule.basis, schedule.layer_share]).astype(real),
-                "basis_slopes": np.column_stack([slope, nothing]).astype(real),
-            }
-            ready.append(
-                (
-                    schedule,
-                    {name: upload(device, "schedule", table) for name, table in tables.items()},
-                    {name: upload(device, "schedule", table) for name, table in spatial.items()},
+        schedules = sweep_schedules(box, directions, starts, batch=batch, edge=tile_edge)
+
+        def uploaded(tables: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+            return {
+                name: upload(
+                    device, "schedule", table if table.dtype == np.int32 else table.astype(real)
                 )
-            )
-        return cls(directions, tuple(ready))
+                for name, table in tables.items()
+                if name != "tiles" or edge is not None
+            }
+
+        return cls(
+            directions,
+            tuple(
+                (schedule, uploaded(schedule.tables), uploaded(schedule.spatial))
+                for schedule in schedules
+            ),
+        )

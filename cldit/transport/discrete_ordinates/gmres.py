@@ -106,9 +106,9 @@ def gmres(
         if iterations >= sweeper.tuning.iterations or residual_rms > 0.5 * previous:
             raise _stuck(residual_rms * inverse_norm, iterations, tolerance)
         previous = residual_rms
-        cycle = _krylov(sweeper, space, rms, rays, tolerance)
-        iterations, inverse_norm = iterations + cycle.iterations, cycle.inverse_norm
-        residual_rms, source = _worst(cycle.rms), sweeper.corrected(space, start_source)
+        rms, _, taken, inverse_norm = _krylov(sweeper, space, rms, rays, tolerance)
+        iterations += taken
+        residual_rms, source = _worst(rms), sweeper.corrected(space, start_source)
         if not confirmed and residual_rms * inverse_norm <= tolerance:
             break
     return Solution(source, iterations, residual_rms * inverse_norm)
@@ -152,11 +152,11 @@ def defect_correction(
     while residual_rms > 0.0 and (previous == np.inf or error > tolerance or peak > peak_limit):
         # A few opaque cells may be far above the mean: they are solved as well.
         previous = residual_rms
-        cycle = _krylov(sweeper, space, rms, rays, tolerance * min(1.0, peak_limit / peak))
-        rms, peak = cycle.rms, cycle.peak
-        iterations += cycle.iterations
+        cycle_tolerance = tolerance * min(1.0, peak_limit / peak)
+        rms, peak, taken, inverse_norm = _krylov(sweeper, space, rms, rays, cycle_tolerance)
+        iterations += taken
         residual_rms = _worst(rms)
-        error = (residual_rms + rounding) * cycle.inverse_norm
+        error = (residual_rms + rounding) * inverse_norm
         if report is not None:
             report(
                 f"iteration {iterations}, corrected: residual {residual_rms:.1e}, error {error:.1e}"
@@ -170,27 +170,19 @@ def defect_correction(
     return Solution(corrected, iterations, error, space.left)
 
 
-@dataclass(frozen=True)
-class _Cycle:
-    """Iterations of a GMRES cycle, and 1 / the smallest singular value.
-
-    rms, peak: of the residual that is left, as `KrylovSpace.add` returns them.
-    """
-
-    rms: NDArray[np.float64]
-    peak: float
-    iterations: int
-    inverse_norm: float
-
-
 def _krylov(
     sweeper: Sweeper,
     space: KrylovSpace,
     start: NDArray[np.float64],
     rays: DeviceOrdinates,
     tolerance: float,
-) -> _Cycle:
-    """One cycle of GMRES for the residual `space.left`, whose RMS is `start` (C,)."""
+) -> tuple[NDArray[np.float64], float, int, float]:
+    """One cycle of GMRES for the residual `space.left`, whose RMS is `start` (C,).
+
+    Returns:
+        RMS (C,) and peak of the residual that is left, as `KrylovSpace.add` returns them, number of
+        iterations, and 1 / the smallest singular value.
+    """
     parts, tuning = len(start), sweeper.tuning
     bytes_ = parts * sweeper.count * np.dtype(sweeper.real).itemsize
     capacity = int(np.clip(tuning.krylov_bytes / max(bytes_, 1), 12, tuning.krylov))
@@ -223,4 +215,4 @@ def _krylov(
     used = taken + 1
     reached = np.einsum("cij,cj->ic", hessenberg[:, :used], best)
     rms, peak = space.add(np.stack([np.eye(used, capacity) @ best.T, -reached]))
-    return _Cycle(rms, peak, taken, inverse_norm)
+    return rms, peak, taken, inverse_norm

@@ -8,11 +8,14 @@ method). A linear source that is continuous at faces has the diffusion limit.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask, Reals
+from cldit.gpu.buffers import upload
+from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.tuning import Tuning
 
@@ -44,6 +47,13 @@ class Gradients:
             neighbours=np.concatenate([neighbours for neighbours, _ in axes]),
             weights=np.concatenate([weights for _, weights in axes]),
         )
+
+    def upload(self, device: Device, real: type[np.floating]) -> dict[str, Any]:
+        """Kernel arguments of both."""
+        return {
+            "neighbours": upload(device, "neighbours", self.neighbours),
+            "weights": upload(device, "neighbours' weights", self.weights.astype(real)),
+        }
 
     def __call__(self, source: Reals) -> Floats:
         """Gradient (3, C, N) of a source (C, N), per cell."""

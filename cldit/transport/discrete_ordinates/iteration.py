@@ -5,7 +5,6 @@ defect correction removes it (gmres.py). With a phase function the solver scatte
 with the transport correction: scattering x (1 - g) (Modest, Radiative Heat Transfer, ch. 12).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +17,7 @@ from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gmres import (
+    Report,
     Solution,
     defect_correction,
     gmres,
@@ -26,8 +26,6 @@ from cldit.transport.discrete_ordinates.gmres import (
 )
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-
-Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)

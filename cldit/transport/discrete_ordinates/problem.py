@@ -5,19 +5,20 @@ Stages 1 to 3 of `trace_source` share it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cldit.arrays import Floats, Mask
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
-from cldit.scene.schema import Scene
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.blurred_boundary import (
     SIDE,
-    BlurredBoundary,
     ForwardPeak,
+    blurred_maps,
+    upload_blurred,
 )
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
@@ -47,7 +48,6 @@ class SweepProblem:
 
     medium: OpticalCells
     region: ThickRegion | None
-    scene: Scene
     view: View
     device: Device
     settings: TraceSettings
@@ -92,7 +92,6 @@ class SweepProblem:
         return cls(
             medium=medium,
             region=region,
-            scene=trace_input.scene,
             view=view,
             device=device,
             settings=settings,
@@ -160,14 +159,13 @@ class SweepProblem:
             return np.zeros(1)
         return np.asarray(np.maximum(phase_moments(self.medium, phase, 4)[3], 0.0))
 
-    def blurred(self, sweeper: Sweeper, directions: Ordinates) -> BlurredBoundary | None:
-        """The boundary blurred by the forward peak along the final ordinates; None: as it is."""
-        peak = self.forward_peak
-        if peak is None:
-            return None
-        return BlurredBoundary.of(
-            self.device, self.view, sweeper.box, directions, peak, real=sweeper.real
-        )
+    def blurred(self, sweeper: Sweeper, directions: Ordinates) -> dict[str, Any]:
+        """The boundary blurred by the forward peak along the final ordinates, as kernel arguments;
+        none if it stays as it is."""
+        if self.forward_peak is None:
+            return {}
+        maps, frames = blurred_maps(self.view, sweeper.box, directions, self.forward_peak)
+        return upload_blurred(self.device, maps, frames, sweeper.real)
 
     @property
     def half(self) -> int:

@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, unset, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
-from cldit.transport.discrete_ordinates.cell_packets import PACKET
-from cldit.transport.discrete_ordinates.sweep_arrays import Real
-
-_GROUP = 256  # of the kernels with one work-item for each cell
+from cldit.transport.discrete_ordinates.cell_packets import PACKET, Real
 
 Boxes = Mapping[bool, Any]  # buffers by order of packets: along x, and turned
 Orders = tuple[bool, ...]
@@ -58,7 +55,7 @@ class ScatteringCells:
         ((_, count),) = items.items()
         if count:
             # PoCL's default group size divides the number of cells, which may be a prime.
-            group = min(_GROUP, self.kernels.largest_group(kernel))
+            group = min(256, self.kernels.largest_group(kernel))
             self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
     def put(self, listed: Any, boxes: Boxes, places: Boxes, orders: Orders, **size: int) -> None:

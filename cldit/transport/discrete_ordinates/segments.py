@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Mask
 
-_SHORTEST = 1e-6  # of a layer: a shorter segment is merged into its neighbour
-_LEAST_VISIBLE = 0.5  # share of a gradient, in `visible_gradient`; less would amplify noise
-
 
 def visible_gradient(slope: Floats) -> Floats:
     """Share of a spatial gradient, 0.5 to 1, that the rays of a layer resolve.
@@ -24,7 +21,8 @@ def visible_gradient(slope: Floats) -> Floats:
     least a half is assumed.
     """
     rest = 1.0 - np.minimum(np.abs(slope), 1.0)
-    return np.maximum(1.0 - rest**2, _LEAST_VISIBLE)
+    # Less than a half would amplify noise.
+    return np.maximum(1.0 - rest**2, 0.5)
 
 
 @dataclass(frozen=True)
@@ -116,6 +114,6 @@ def _cuts(slopes: Floats, starts: Floats, layers: int) -> tuple[Ints, Floats]:
     ordinate, place = np.nonzero(np.diff(at, axis=1, prepend=-1.0) > 0)
     at = at[ordinate, place]
     # If two cuts almost coincide, the later is dropped, unless it is the layer's end.
-    close = np.flatnonzero((np.diff(at) < _SHORTEST) & (np.diff(ordinate) == 0))
+    close = np.flatnonzero((np.diff(at) < 1e-6) & (np.diff(ordinate) == 0))
     dropped = np.where(at[close + 1] % 1 == 0, close, close + 1)
     return np.delete(ordinate, dropped), np.delete(at, dropped)

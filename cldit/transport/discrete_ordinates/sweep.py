@@ -16,50 +16,32 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.boundary import NONE, shifted
-from cldit.transport.cells import OpticalCells, SweptBox, mean_transmission
+from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.axis_order import axis_orders
-from cldit.transport.discrete_ordinates.blurred_boundary import BlurredBoundary
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
-from cldit.transport.discrete_ordinates.cell_packets import CellPackets
+from cldit.transport.discrete_ordinates.cell_packets import Real
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gradients import Gradients
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
-from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
-from cldit.transport.discrete_ordinates.scattering_cells import (
-    BOTH,
-    Boxes,
-    Orders,
-    ScatteringCells,
-)
-from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
+from cldit.transport.discrete_ordinates.scattering_cells import BOTH, Boxes
+from cldit.transport.discrete_ordinates.source_update import ScatteredSource
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
+from cldit.transport.discrete_ordinates.swept_boxes import SweptBoxes
 from cldit.transport.tuning import Tuning
 
-_PER_MOMENT = 12  # gradient over the first moment of a linear field in a cell
-_MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
-
-_TOGETHER = 32  # ordinates of a schedule; more would need more memory for rays
-_EDGE = 16  # largest number of rows and layers of a tile, for the cache of a CPU core
-_TILES = 4  # smallest mean number for each core in a launch
-_GROUP = 32  # rays of a row that a group of work-items follows
-_APART = 1 / 32  # share of the memory up to which either order of packets has a box of its own
+_PER_MOMENT = 12  # gradient over the first moment of a linear field in a cell: 1 / mean of x^2
 
 
-class Sweeper:
-    """Swept box on the device.
+class Sweeper(ScatteredSource):
+    """Source of the scattering cells, and the sweeps of it.
 
-    It has the cells in packets along x, and again along y (turned), so that rays along x traverse
-    rows of memory as those along y and z do. For each order of packets a sweep puts the source of
-    the scattering cells into the box, and collects D = sum w (I - S) q from it.
+    For each order of packets a sweep puts the source into the box, and collects D = sum w (I - S) q
+    from it.
 
-    box, count, components: swept box, number N of scattering cells, number C of components.
-    albedo, opacity: (N,) of the scattering cells; absorbed share along an edge.
-    thermal: (C, N) their thermal source.
-    one_minus_lambda: (N,) 1 - Lambda*, the preconditioner (Kunasz and Auer, JQSRT 39, 1988).
-    linear_cells: (K,) numbers of the scattering cells that have a gradient.
+    box, boxes: the swept box, and its cells on the device.
     gradients: finite differences of neighbours; None: `set_source` receives the gradient.
-    sweeps: ordinates swept so far. real: the device's precision.
+    ray_planes: values of a ray. sweeps: ordinates swept so far.
     """
 
     def __init__(
@@ -84,29 +66,33 @@ class Sweeper:
             linear_cells: (N,) mask of scattering cells with a gradient in other programs with
                 LINEAR_SOURCE; `set_source` then receives it.
         """
-        self.device = device
+        real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
+        linear = "LINEAR_SOURCE" in sweep.defines
+        moments = MOMENTS if "MOMENT_SOURCE" in sweep.defines else 1
+        mask = np.full(len(cells.address), linear) if linear_cells is None else linear_cells
+        numbers = np.flatnonzero(mask)
+        super().__init__(device, cells, iterate, moments=moments, real=real, linear_cells=numbers)
         self.tuning = tuning or Tuning()
         self.box: SweptBox = cells.box()
-        self.count = len(cells.address)
-        self.components = len(cells.needs.components)
-        self.boundaries = cells.needs.boundaries
         self._sweep = sweep
         self._by_ray = sweep.defines["SIMD_WIDTH"] == 1
-        self._planes = self.components * (MOMENTS if "MOMENT_SOURCE" in sweep.defines else 1)
-        linear = "LINEAR_SOURCE" in sweep.defines
-        self.linear_cells = np.flatnonzero(
-            np.full(self.count, linear) if linear_cells is None else linear_cells
+        self.boxes = SweptBoxes(
+            device,
+            cells,
+            self.box,
+            planes=moments * self.components,
+            real=real,
+            sum_type=np.int64 if self._by_ray else real,
+            linear_cells=self.linear_cells,
+            by_ray=self._by_ray,
         )
-        self.real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
-        self.sum_type: type[np.generic] = np.int64 if self._by_ray else self.real
+        self._i_minus_s = self.boxes.unset("I - S", self.components, self.boxes.sum_type)
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
         inside = shifted(patches, -np.asarray(self.box.low, float)).astype(self.real)
         self._patches = {"patches": upload(device, "patches", inside)} if len(patches) else {}
-        self._emits: tuple[bool, bool] | None = None
         self._shining = False
         self.sweeps = 0
-        self._take_boxes(cells)
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
         self.ray_planes = self.components + excesses
@@ -114,37 +100,7 @@ class Sweeper:
         self.gradients = (
             Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
         )
-        self._neighbours: dict[str, Any] = {}
-        if self.gradients is not None:
-            weights = self.gradients.weights.astype(self.real)
-            self._neighbours = {
-                "neighbours": upload(device, "neighbours", self.gradients.neighbours),
-                "weights": upload(device, "neighbours' weights", weights),
-            }
-        self._take_cells(cells, iterate)
-
-    def _take_boxes(self, cells: OpticalCells) -> None:
-        """Uploads the cells in packets, in both orders, with room for their source."""
-        self.packets = CellPackets.both(cells, self.box)
-        self._order = {
-            turned: SweepArrays.of(
-                self.device,
-                cells,
-                self.box,
-                packets,
-                self.real,
-                turned=turned,
-                linear_cells=self.linear_cells,
-                by_ray=self._by_ray,
-            )
-            for turned, packets in self.packets.items()
-        }
-        self._places = {turned: order.place for turned, order in self._order.items()}
-        self._linear_places = {turned: o.gradient_place for turned, o in self._order.items()}
-        number_bytes = np.dtype(self.real).itemsize + np.dtype(self.sum_type).itemsize
-        packed_bytes = sum(packets.cells for packets in self.packets.values()) * number_bytes
-        self._apart = packed_bytes * self._planes < _APART * self.device.info.memory_bytes
-        self._source = self._boxes("source", self._planes, self.real)
+        self._neighbours = {} if self.gradients is None else self.gradients.upload(device, real)
 
     def _take_rays(self) -> None:
         """Sets how many ordinates are swept together, with room for their rays."""
@@ -157,39 +113,14 @@ class Sweeper:
             for layout in axis_orders(self.box.shape).values()
         )
         fit = self._together // (ray_values * np.dtype(self.real).itemsize)
-        self._together, self._edge = max(1, min(_TOGETHER, fit)), self._tile_edge()
+        # More than 32 ordinates of a schedule would need more memory for rays.
+        self._together = max(1, min(32, fit))
         self._rays = {"rays": zeros(self.device, "rays", self._together * ray_values, self.real)}
-
-    def _take_cells(self, cells: OpticalCells, iterate: Program) -> None:
-        """Uploads the lists of the scattering cells, with room for the sums of a sweep."""
-        device, real = self.device, self.real
-        depth = cells.depth[cells.address]
-        self.albedo = cells.albedo
-        self.opacity: NDArray[Any] = (1.0 - np.exp(-depth)).astype(real)
-        self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
-        escapes = mean_transmission(_MEAN_PATH * depth)
-        self.one_minus_lambda: NDArray[Any] = (cells.coalbedo + cells.albedo * escapes).astype(real)
-        self._emission = upload(device, "emission", self.thermal)
-        self._albedo = upload(device, "albedo", cells.albedo.astype(real))
-        self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
-        self._linear = upload(device, "linear cells", self.linear_cells.astype(np.int32))
-        self._one_minus_lambda = upload(device, "1 - Lambda*", self.one_minus_lambda)
-        self._cells = ScatteringCells.of(
-            device,
-            iterate,
-            components=self.components,
-            planes=self._planes,
-            count=self.count,
-            real=real,
-        )
-        self._i_minus_s, self._listed = self.room(1)
-        self._out = zeros(device, "answer", self.components * self.count, real)
-
-    def _tile_edge(self) -> int:
-        """Edge of a tile, equal for all partitions of a device: sums are bit-identical."""
+        # Equal for all partitions of a device, so that sums are bit-identical. Cells and rays of 16
+        # rows and layers are in the cache of a CPU core; n x n tiles need 2 n launches, from four
+        # corners, and a launch needs four tiles for each core on average.
         cores = sum(device.info.compute_units for device in (self.device, *self.device.others))
-        # n x n tiles need 2 n launches, from four corners.
-        return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
+        self._edge = max(1, min(16, 2 * max(self.box.shape) // (4 * cores)))
 
     def set_source(
         self,
@@ -214,11 +145,11 @@ class Sweeper:
                 self.device.queue, self.source, source_list, byte_count=source_list.size
             )
         if gradient is not None:
-            boxes = {turned: order.gradient for turned, order in self._order.items()}
+            boxes = {turned: packets.gradient for turned, packets in self.boxes.packets.items()}
             sizes = {"planes": 3 * self.components, "count": len(self.linear_cells)}
-            self._cells.put(self.listed(gradient), boxes, self._linear_places, BOTH, **sizes)
+            self._cells.put(self.listed(gradient), boxes, self.boxes.linear_places, BOTH, **sizes)
         if self._neighbours:
-            straight, turned = self._order[False], self._order[True]
+            straight, turned = self.boxes.packets[False], self.boxes.packets[True]
             self._cells.run(
                 "set_gradients",
                 {"count": self.count},
@@ -230,65 +161,13 @@ class Sweeper:
                 **self._neighbours,
             )
 
-    @property
-    def source(self) -> Any:
-        """List of the present source, with MOMENT_SOURCE of all moments."""
-        return self._cells.source
-
-    def listed(self, values: Any) -> Any:
-        """Uploads an array in the device's precision, unless it is on the device."""
-        on_device = isinstance(values, cl.MemoryObject)
-        return values if on_device else upload(self.device, "list", values.astype(self.real))
-
-    def unset_light(self, moments: int) -> Any:
-        """List for so many angular moments of all components."""
-        return self._cells.unset(moments * self.components)
-
-    def read(self, listed: Any, moments: int = 1) -> NDArray[Any]:
-        """Downloads the first moments (M C, N) of a list."""
-        return self._cells.read(listed, moments * self.components)
-
-    def read_gradient(self, gradient: Any) -> NDArray[Any]:
-        """Downloads a gradient (3, C, K) in `linear_cells`."""
-        out = np.empty((3, self.components, len(self.linear_cells)), self.real)
-        return download(self.device, gradient, out)
-
-    def _fill(self, orders: Orders, *, cavity: bool) -> None:
-        """Puts the source into the boxes of these orders; `cavity`: all other cells emit 1.
-
-        A box of its own keeps the emission of the other cells from sweep to sweep.
-        """
-        if not self._apart or self._emits != (self._shining, cavity):
-            for order in (self._order[turned] for turned in orders):
-                box = self._source[order.turned]
-                clear(self.device, box, self._planes * order.packets.cells, self.real)
-                if self.components > self.boundaries and self._shining:
-                    self._cells.run(
-                        "emit",
-                        {"packets": len(order.packets)},
-                        source=box,
-                        thermal=order.thermal,
-                        cavity=int(cavity),
-                        planes=self._planes,
-                    )
-            self._emits = (self._shining, cavity)
-        sizes = {"planes": self._planes, "count": self.count}
-        self._cells.put(self.source, self._source, self._places, orders, **sizes)
-
-    def _boxes(self, label: str, planes: int, dtype: type[np.generic]) -> Boxes:
-        """Buffer of either order's box; the orders share one if memory is short."""
-        sizes = {turned: planes * packets.cells for turned, packets in self.packets.items()}
-        if self._apart:
-            return {turned: unset(self.device, label, sizes[turned], dtype) for turned in BOTH}
-        return dict.fromkeys(BOTH, unset(self.device, label, max(sizes.values()), dtype))
-
     def room(self, moments: int) -> tuple[Any, ...]:
         """Buffers for so many angular moments of I - S, in the boxes and in the list.
 
         Sweeps clear and write them. All sweepers of this box can share them.
         """
         planes = moments * self.components
-        return self._boxes("I - S", planes, self.sum_type), self._cells.unset(planes)
+        return self.boxes.unset("I - S", planes, self.boxes.sum_type), self._cells.unset(planes)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
         """Ordinates on the device, for any number of sweeps.
@@ -359,36 +238,6 @@ class Sweeper:
             )
         return gradient
 
-    def _radiance(self, out: Any, listed: Any, offsets: Reals | None, *, weight: float) -> None:
-        """Moments of the radiance from those of I - S; `offsets` (8,) of radiance 1, or None."""
-        self._cells.run(
-            "radiance_moments",
-            {"count": self.count},
-            high=self.components,
-            out=out,
-            i_minus_s=listed,
-            listed=self.source,
-            offsets=self.listed(np.zeros(1) if offsets is None else offsets),
-            weight=weight,
-            moments=1 if offsets is None else MOMENTS,
-        )
-
-    def _scatter(self, out: Any, light: Any, ratios: Reals | None) -> None:
-        """Source of radiance that scatters, see `scatter`."""
-        table = np.zeros((1, 1)) if ratios is None else ratios
-        self._cells.run(
-            "scattered_source",
-            {"count": self.count},
-            high=self.components,
-            listed=out,
-            light=light,
-            emission=self._emission,
-            albedo=self._albedo,
-            ratios=self.listed(table),
-            alike=int(table.shape[1] == 1),
-            moments=1 if ratios is None else MOMENTS,
-        )
-
     def scatter(self, light: Any, gradient: Any, ratios: Reals | None) -> Any:
         """Makes the radiance, scattered once more, the source of the sweeps that follow.
 
@@ -405,26 +254,6 @@ class Sweeper:
         limited = None if gradient is None else self.limited_gradient(gradient, self.source)
         self.set_source(None, shining=True, gradient=limited)
         return limited
-
-    def limited_gradient(self, light: Any, source: Any) -> Any:
-        """Gradient (3, C, K) of the source in the linear cells, limited to positive sources.
-
-        `light` (3, C, K) is the gradient of the radiance there, and `source` (C or more, N) the
-        source of all scattering cells, the mean first; both on the device or arrays.
-        """
-        count = len(self.linear_cells)
-        out = unset(self.device, "spatial gradient", 3 * self.components * count, self.real)
-        self._cells.run(
-            "limited_gradients",
-            {"count": count},
-            gradient=out,
-            light_gradient=self.listed(light),
-            listed=self.listed(source),
-            albedo=self._albedo,
-            linear=self._linear,
-            cells=self.count,
-        )
-        return out
 
     def _sweep_all(
         self,
@@ -448,21 +277,27 @@ class Sweeper:
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else None
         parts = {"planes": planes, "count": self.count}
         sizes = {"planes": 3 * self.components, "count": len(self.linear_cells)}
-        linear = "LINEAR_SOURCE" in program.defines
-        for orders in (BOTH,) if self._apart else ((False,), (True,)):
-            self._fill(orders, cavity=cavity)
-            for order in (self._order[turned] for turned in orders):
-                box, turned = i_minus_s[order.turned], order.turned
-                clear(self.device, box, planes * order.packets.cells, self.sum_type)
+        linear, sum_type = "LINEAR_SOURCE" in program.defines, self.boxes.sum_type
+        for orders in (BOTH,) if self.boxes.apart else ((False,), (True,)):
+            self.boxes.fill(
+                self._cells,
+                orders,
+                emits=self.components > self.boundaries,
+                shining=self._shining,
+                cavity=cavity,
+            )
+            for packets in (self.boxes.packets[turned] for turned in orders):
+                box, turned = i_minus_s[packets.turned], packets.turned
+                clear(self.device, box, planes * packets.cells, sum_type)
                 box_arguments = {
                     "i_minus_s": box,
-                    **({"gradient": order.gradient} if linear else {}),
+                    **({"gradient": packets.gradient} if linear else {}),
                 }
                 if spatial is not None:
                     box_arguments["spatial_moments"] = spatial[0][turned]
-                    clear(self.device, spatial[0][turned], 3 * order.linear_size, self.sum_type)
+                    clear(self.device, spatial[0][turned], 3 * packets.linear_size, sum_type)
                 if camera is not None:
-                    clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
+                    clear(self.device, camera.shares[turned], packets.cells, sum_type)
                 for schedule, tables, basis in rays.sweep_schedules:
                     if schedule.layout.turned is not turned:
                         continue
@@ -473,17 +308,21 @@ class Sweeper:
                     if interfaces is not None:
                         arguments |= interfaces.arguments(schedule.layout)
                     self._launch(program, schedule, shining, arguments)
-            self._cells.collect(listed, i_minus_s, self._places, orders, **parts)
+            self._cells.collect(listed, i_minus_s, self.boxes.places, orders, **parts)
             if spatial is not None:
-                self._cells.collect(spatial[1], spatial[0], self._linear_places, orders, **sizes)
+                self._cells.collect(
+                    spatial[1], spatial[0], self.boxes.linear_places, orders, **sizes
+                )
         self.sweeps += len(rays.directions)
         return None if spatial is None else spatial[1]
 
     def _spatial_room(self) -> tuple[Boxes, Any]:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
-        sizes = {turned: 3 * order.linear_size for turned, order in self._order.items()}
+        sizes = {turned: 3 * packets.linear_size for turned, packets in self.boxes.packets.items()}
         listed = 3 * self.components * len(self.linear_cells)
-        boxes = {t: unset(self.device, "I - S", size, self.sum_type) for t, size in sizes.items()}
+        boxes = {
+            t: unset(self.device, "I - S", size, self.boxes.sum_type) for t, size in sizes.items()
+        }
         return boxes, unset(self.device, "list", listed, self.real)
 
     def _launch(
@@ -494,14 +333,14 @@ class Sweeper:
         `arguments` are added to those of box and boundary.
         """
         layout = schedule.layout
-        order = self._order[layout.turned]
+        packets = self.boxes.packets[layout.turned]
         nu, nv, nl = (int(count) for count in layout.size)
         shared = {
             "slots": int(layout.slots),
-            "packets": order.rows,
-            "begins": order.begins,
-            "depth": order.depth,
-            "source": self._source[layout.turned],
+            "packets": packets.rows,
+            "begins": packets.begins,
+            "depth": packets.depth,
+            "source": self.boxes.source[layout.turned],
             "layout": int(layout.number),
             "nu": nu,
             "nv": nv,
@@ -515,8 +354,8 @@ class Sweeper:
         }
         if self._by_ray:
             size = (int(layout.slots), int(layout.ray_rows), len(schedule))
-            group = min(_GROUP, program.largest_group("sweep"))
-            shared["places"] = order.packets.number.shape[1]
+            group = min(32, program.largest_group("sweep"))  # neighbouring rays of a row
+            shared["places"] = packets.number.shape[1]
             program.launch("sweep", size, (group, 1, 1), shared)
             return
         program.launch_each(
@@ -561,18 +400,17 @@ class Sweeper:
         camera: CameraSweep,
         rays: DeviceOrdinates,
         interfaces: InterfaceRadiance | None = None,
-        blurred: BlurredBoundary | None = None,
+        blurred: Mapping[str, Any] | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """Sweeps all ordinates for the mean radiance (C, N) with the camera's weights.
 
-        `interfaces` receives the stored radiance, with INTERFACE_RADIANCE; `blurred` is the
-        boundary along these ordinates, with BLURRED_BOUNDARY. The second result is the gradient as
-        in `moments`.
+        `interfaces` receives the stored radiance, with INTERFACE_RADIANCE; `blurred`, of
+        `upload_blurred`, is the boundary along these ordinates, with BLURRED_BOUNDARY. The second
+        result is the gradient as in `moments`.
         """
         room = (self._i_minus_s, self._listed, self.components)
-        extra = {} if blurred is None else blurred.arguments
         gradient = self._sweep_all(
-            camera.program, rays, True, *room, camera, interfaces=interfaces, extra=extra
+            camera.program, rays, True, *room, camera, interfaces=interfaces, extra=blurred
         )
         self._cells.run(
             "weighted_mean",
@@ -582,71 +420,16 @@ class Sweeper:
             listed=self.source,
             shares=camera.shares[False],
             shares_turned=camera.shares[True],
-            place=self._order[False].place,
-            turned=self._order[True].place,
+            place=self.boxes.packets[False].place,
+            turned=self.boxes.packets[True].place,
         )
         mean = self._cells.read(self._out)
         if gradient is None:
             return mean, None
         sizes_of_share = {"planes": 1, "count": self.count}
-        self._cells.collect(self._out, camera.shares, self._places, BOTH, **sizes_of_share)
+        self._cells.collect(self._out, camera.shares, self.boxes.places, BOTH, **sizes_of_share)
         shares = download(self.device, self._out, np.empty(self.count, self.real))[
             self.linear_cells
         ]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
         return mean, self.real(_PER_MOMENT) * share * self.read_gradient(gradient)
-
-    def krylov(self) -> KrylovSpace:
-        """Empty Krylov space of the scattering cells, which sets the source."""
-        return KrylovSpace(self._cells, self.opacity)
-
-    def residual(
-        self, space: KrylovSpace, out: Any, *, shining: bool, listed: Any = None, number: int = 0
-    ) -> None:
-        """Writes the preconditioned residual after a sweep of the present source to `out`.
-
-        With `shining` the emission counts. `out` is a vector of `space`, with the first `number`
-        vectors of which it is multiplied; `listed` is the list of `room` with D; None: the
-        sweeper's own.
-        """
-        space.residual(
-            out,
-            number=number,
-            i_minus_s=self._listed if listed is None else listed,
-            emission=self._emission,
-            albedo=self._albedo,
-            coalbedo=self._coalbedo,
-            one_minus_lambda=self._one_minus_lambda,
-            shine=float(shining),
-        )
-
-    def corrected(
-        self, space: KrylovSpace, solution: Any, light: Any = None, residual: Any = None
-    ) -> Any:
-        """List (C, N) of a solution with the corrections of `space`.
-
-        The mean radiance of the list `light` gets what these add; `residual` is the vector before.
-        """
-        out = self.unset_light(1)
-        self._cells.run(
-            "correct",
-            {"count": self.count},
-            high=self.components,
-            out=out,
-            light=out if light is None else light,
-            solution=solution,
-            onto=space.onto,
-            first=space.onto if light is None else residual,
-            albedo=self._albedo,
-            one_minus_lambda=self._one_minus_lambda,
-            lit=int(light is not None),
-            stride=space.stride,
-        )
-        return out
-
-    def next_order(self) -> Any:
-        """List of the source a (S + D) + E, (C, N), after one more scattering."""
-        out = self.unset_light(1)
-        self._radiance(out, self._listed, None, weight=1.0)
-        self._scatter(out, out, None)
-        return out

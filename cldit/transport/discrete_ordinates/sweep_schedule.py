@@ -9,11 +9,12 @@ at the same time.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Ints
 from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
@@ -27,38 +28,26 @@ class SweepSchedule:
     """K ordinates of one order of axes, by quadrants, and their N segments, ordinate by ordinate.
 
     layout: the order of axes.
-    number: (K,) number of each ordinate in its quadrature.
-    tiles, launches: of the box, see `kba_tiles`.
-    begins: (K, layers + 1) first segment of each layer in the order of the sweep, and the end.
-    shifts, layer_share: (N, 4) and (N,) as in `Segments`.
-    midpoint, basis, basis_scale: (N, 3), (N, 3) and (K, 3) as in `Segments`, along x, y, z.
-    exit_faces: (N,) faces through which rays leave cells after the segment, as bits of the sides
-        of the next cell from which light comes: down and up along u, v, l.
-    back: (K, 3) unit vectors to where light comes from.
-    path_per_layer: (K,) path in a layer over the cell's edge.
-    weight: (K,) quadrature weights.
-    rightwards, upwards: (K,) true if rays move to larger u, to larger v.
+    launches: (L, 2) of the tiles, see `kba_tiles`.
+    tables: arguments of kernels/sweep.cl: `tiles`, see `kba_tiles`; `begins_at` (K, layers + 1),
+        first segment of each layer in the order of the sweep, and the end; `sides` (N,) faces
+        through which rays leave cells after a segment, as bits of the sides of the next cell from
+        which light comes (down and up along u, v, l); `shifts` (N, 4), and `parts` (N, 4) middle
+        of a segment along x, y, z and its share of the layer, as in `Segments`; `backs` (K, 4)
+        unit vectors to where light comes from; `beams` (K, 2) path in a layer over the cell's edge,
+        and quadrature weight; `origins` (K, 4) slot of the first cell of a row, row of rays of
+        the first row of cells, and number of the ordinate in its quadrature.
+    spatial: those for SPATIAL_MOMENTS: `basis` (N, 4) along x, y, z, and the share of the layer;
+        `basis_slopes` (K, 4) change of the basis along the ray.
     """
 
     layout: AxisOrder
-    number: NDArray[np.int32]
-    tiles: NDArray[np.int32]
     launches: NDArray[np.int32]
-    begins: NDArray[np.int32]
-    shifts: NDArray[np.int32]
-    layer_share: Floats
-    midpoint: Floats
-    basis: Floats
-    basis_scale: Floats
-    exit_faces: NDArray[np.int32]
-    back: Floats
-    path_per_layer: Floats
-    weight: Floats
-    rightwards: Mask
-    upwards: Mask
+    tables: dict[str, NDArray[Any]]
+    spatial: dict[str, Floats]
 
     def __len__(self) -> int:
-        return len(self.number)
+        return len(self.tables["beams"])
 
     @classmethod
     def of(
@@ -86,25 +75,32 @@ class SweepSchedule:
         )
         layer = segments.ordinate * nl + segments.layer  # of all ordinates
         begins = np.searchsorted(layer, np.arange(count * nl)).reshape(count, -1)
+        begins = np.column_stack([begins, [*begins[1:, 0], len(layer)]])
         side = 2 * np.arange(3) + (runs < 0)
-        table, launches = kba_tiles(nv, nl, np.column_stack([ends[:-1], ends[1:]]), edge)
+        sides = (segments.exits << side[segments.ordinate]).sum(axis=1)
+        tiles, launches = kba_tiles(nv, nl, np.column_stack([ends[:-1], ends[1:]]), edge)
+        nothing = np.zeros((count, 1))
+        # Rays shift by up to nl + 1 cells towards larger u and v.
+        origins = np.where(runs[:, :2] > 0, nl + 1, 1)
+        back, share = directions.unit[number], segments.layer_share
+        slopes = segments.basis_scale[:, inverse] * back
         return cls(
             layout=layout,
-            number=number.astype(np.int32),
-            tiles=table,
             launches=launches,
-            begins=np.column_stack([begins, [*begins[1:, 0], len(layer)]]).astype(np.int32),
-            shifts=segments.shifts(),
-            layer_share=segments.layer_share,
-            midpoint=segments.midpoint[:, inverse],
-            basis=segments.basis[:, inverse],
-            basis_scale=segments.basis_scale[:, inverse],
-            exit_faces=(segments.exits << side[segments.ordinate]).sum(axis=1).astype(np.int32),
-            back=directions.unit[number],
-            path_per_layer=path,
-            weight=directions.weight[number],
-            rightwards=runs[:, 0] > 0,
-            upwards=runs[:, 1] > 0,
+            tables={
+                "tiles": tiles,
+                "begins_at": begins.astype(np.int32),
+                "sides": sides.astype(np.int32),
+                "shifts": segments.shifts(),
+                "parts": np.column_stack([segments.midpoint[:, inverse], share]),
+                "backs": np.column_stack([back, nothing]),
+                "beams": np.column_stack([path, directions.weight[number]]),
+                "origins": np.column_stack([origins, number, nothing]).astype(np.int32),
+            },
+            spatial={
+                "basis": np.column_stack([segments.basis[:, inverse], share]),
+                "basis_slopes": np.column_stack([slopes, nothing]),
+            },
         )
 
 

@@ -9,11 +9,12 @@ Illumination using Photon Maps, Rendering Techniques 1996; kernels/gather.cl).
 
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from cldit.arrays import Floats, Ints
-from cldit.transport.final_gather.paths import ChosenRays, GatherPaths, PathSampler
+from cldit.transport.final_gather.paths import ChosenRays, PathSampler
 from cldit.transport.image import ThickPixels
 
 
@@ -93,7 +94,7 @@ class Gather:
 
     def _refined(
         self,
-        paths: list[GatherPaths],
+        paths: list[dict[str, Any]],
         group: ThickPixels,
         first: ChosenRays,
         round_means: tuple[Floats, float],
@@ -198,7 +199,5 @@ class Gather:
 
     def _tiles(self, pixels: Ints) -> Ints:
         """Numbers (N,) of the image tiles of the pixels."""
-        row, column = np.divmod(pixels, self._image.view.pixels[0])
-        edge = self._settings.tuning.noise_tile
-        tile = row // edge * self._image.view.pixels[0] + column // edge
+        tile = self._image.view.tile_of(pixels, self._settings.tuning.noise_tile)
         return np.unique(tile, return_inverse=True)[1].astype(np.int64)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints
 from cldit.gpu.buffers import download, unset, upload, zeros
-from cldit.gpu.device import Device, shares
-from cldit.gpu.program import Define, Program, build
+from cldit.gpu.device import Device
+from cldit.gpu.program import Define, build
 from cldit.transport.cell_phases import class_shares
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import (
@@ -19,6 +19,7 @@ from cldit.transport.discrete_ordinates.quadrature import (
     hilbert_order,
     nearest,
 )
+from cldit.transport.divided_planes import divided_planes
 from cldit.transport.final_gather.cell_sources import CellSources
 from cldit.transport.image import FormalSolution, ThickPixels
 from cldit.transport.linear_coefficients import thick_albedo
@@ -29,8 +30,6 @@ from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import upload_tree
 
 _GROUP = 16
-_PENDING = 8  # concurrent reads of stored radiance; GPUs hide the latency by other paths
-_INTERVAL = 9  # values of an interval within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
@@ -53,42 +52,6 @@ class ChosenRays:
         out = np.full((numbers.size, 2), self.samples, np.int32)
         out[:, 0] = numbers.reshape(-1)
         return out
-
-
-@dataclass(frozen=True)
-class GatherPaths:
-    """Paths from given rays on one device, as arguments of the kernel."""
-
-    device: Device
-    program: Program
-    arguments: dict[str, Any]
-
-    def launch(
-        self, chosen: NDArray[np.int32], first: int, key: NDArray[np.uint32], out: Any
-    ) -> None:
-        """Starts paths of both halves for each of the chosen rays, and does not wait for them.
-
-        Args:
-            chosen: (N, 2) numbers of the rays, and of each one's paths in either half.
-            first: number of the first low-discrepancy point.
-            key: (2,) of the random generator, Philox.
-        """
-        samples = int(chosen[:, 1].max())
-        self.program.launch(
-            "gather",
-            (len(chosen), 2),
-            (min(_GROUP, self.program.largest_group("gather")), 1),
-            {
-                "means": out,
-                "chosen": upload(self.device, "chosen rays", chosen),
-                "count": len(chosen),
-                "from_point": first,
-                "key": key,
-                "points": upload(self.device, "Sobol", points(first, samples)),
-                **self.arguments,
-            },
-        )
-        self.device.queue.flush()  # the next device starts while this one works
 
 
 def _path_ends(cutoff: float, settings: TraceSettings, *, diffusive: bool) -> dict[str, Any]:
@@ -153,30 +116,30 @@ class PathSampler:
         """
         self.solution, self.settings = formal_solution, settings
         self.diffusive = thick.diffusive
-        self._device, self._real = formal_solution.parts[0].device, formal_solution.real
+        self._device, self._real = formal_solution.programs[0].device, formal_solution.real
         cells, view = formal_solution.cells, formal_solution.view
         self.components = len(cells.needs.components) + 1
         classes = class_shares(cells, settings.phase)
         defines = {**self._defines(ends, classes), **(flags or {})}
         self.programs = [
             build(
-                part.device,
+                member,
                 "gather.cl",
                 {
-                    **simd_defines(part.device),
+                    **simd_defines(member),
                     **defines,
-                    "PENDING_READS": _PENDING if part.device.is_cpu else 1,
+                    # GPUs hide the latency of reads of stored radiance by other paths.
+                    "PENDING_READS": 8 if member.is_cpu else 1,
                 },
             )
-            for part in formal_solution.parts
+            for member in (self._device, *self._device.others)
         ]
         cutoff = settings.ending(cells, formal_solution.scene)
         tables = _ordinates(ends.directions, settings.phase, self._real)
         linear = settings.linear_coefficients
         self._traversals: list[dict[str, Any]] = []
         self._fixed: list[dict[str, Any]] = []
-        for part in formal_solution.parts:
-            device = part.device
+        for device in (self._device, *self._device.others):
             self._traversals.append(
                 {
                     "albedo": thick_albedo(device, cells, thick.listed, self._real, linear=linear),
@@ -258,15 +221,16 @@ class PathSampler:
             arguments["region_cells"] = of_region.shape[1]
         return arguments
 
-    def paths(self, groups: Sequence[ThickPixels]) -> list[GatherPaths]:
-        """Paths from the thick cells on the rays of all groups of pixels, for each device."""
+    def paths(self, groups: Sequence[ThickPixels]) -> list[dict[str, Any]]:
+        """Kernel arguments, for each device, of paths from the thick cells on the rays of all
+        groups of pixels."""
         ray_sets = [self._rays(group.pixels, group.across) for group in groups]
         rays, numbers = (np.concatenate(arrays) for arrays in zip(*ray_sets, strict=True))
         out = []
-        for part, program, traversal, fixed in zip(
-            self.solution.parts, self.programs, self._traversals, self._fixed, strict=True
+        for program, traversal, fixed in zip(
+            self.programs, self._traversals, self._fixed, strict=True
         ):
-            device, count = part.device, len(rays)
+            device, count = program.device, len(rays)
             group = min(_GROUP, program.largest_group("thick_intervals"))
             listed = upload(device, "rays", rays.astype(self._real))
             counts = zeros(device, "intervals", count, np.int32)
@@ -290,15 +254,17 @@ class PathSampler:
                 if not fill:
                     ends = np.cumsum(download(device, counts, np.empty(count, np.int32)))
                     first = upload(device, "intervals", np.array([0, *ends], np.int32))
-                    intervals = zeros(device, "intervals", _INTERVAL * int(ends[-1]), self._real)
-            arguments = {
-                "list": listed,
-                "numbers": upload(device, "rays", numbers.astype(np.uint32)),
-                "first": first,
-                "intervals": intervals,
-                **fixed,
-            }
-            out.append(GatherPaths(device, program, arguments))
+                    # An interval within a thick cell has nine values, see gather.cl.
+                    intervals = zeros(device, "intervals", 9 * int(ends[-1]), self._real)
+            out.append(
+                {
+                    "list": listed,
+                    "numbers": upload(device, "rays", numbers.astype(np.uint32)),
+                    "first": first,
+                    "intervals": intervals,
+                    **fixed,
+                }
+            )
         return out
 
     def _rays(self, pixels: Ints, across: int) -> tuple[Floats, Ints]:
@@ -309,29 +275,39 @@ class PathSampler:
         return rays, (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
 
     def means(
-        self, paths: list[GatherPaths], chosen: Sequence[ChosenRays], first: int = 0
+        self, paths: list[dict[str, Any]], chosen: Sequence[ChosenRays], first: int = 0
     ) -> list[tuple[Floats, float]]:
         """Means (2, C + 1, N) of paths in either half, and numbers of their segments.
 
         Args:
             paths: of `paths`.
             chosen: the rays of each result.
-            first: as in `GatherPaths.launch`.
+            first: number of the first low-discrepancy point.
         """
         rays = np.concatenate([chosen_rays.table for chosen_rays in chosen])
-        key = np.array([self.settings.seed, 0], np.uint32)
-        outs, planes = [], 2 * (self.components + 1)
-        for device_paths, (_, portion) in zip(paths, shares(self._device, len(rays)), strict=True):
-            out = zeros(device_paths.device, "means", planes * len(portion), self._real)
-            if portion:
-                device_paths.launch(rays[portion.start : portion.stop], first, key, out)
-            outs.append((device_paths.device, out, len(portion)))
-        device_means = [
-            download(device, out, np.empty((planes, count), self._real))
-            for device, out, count in outs
-            if count
-        ]
-        ray_means = np.concatenate(device_means, axis=1).reshape(2, self.components + 1, -1)
+
+        def launch(number: int, listed: slice, out: Any) -> None:
+            """Starts paths of both halves for some of the chosen rays."""
+            program, chosen_rays = self.programs[number], rays[listed]
+            sobol = points(first, int(chosen_rays[:, 1].max()))
+            program.launch(
+                "gather",
+                (len(chosen_rays), 2),
+                (min(_GROUP, program.largest_group("gather")), 1),
+                {
+                    "means": out,
+                    "chosen": upload(program.device, "chosen rays", chosen_rays),
+                    "count": len(chosen_rays),
+                    "from_point": first,
+                    "key": np.array([self.settings.seed, 0], np.uint32),
+                    "points": upload(program.device, "Sobol", sobol),
+                    **paths[number],
+                },
+            )
+
+        shape = (2 * (self.components + 1), len(rays))
+        planes = divided_planes(self._device, "means", shape, self._real, launch)
+        ray_means = planes.reshape(2, self.components + 1, -1)
         ends = np.cumsum([len(chosen_rays.table) for chosen_rays in chosen])
         return [
             (

@@ -28,8 +28,6 @@ from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Audit, Trace, TraceInput
 
-_BY_PATHS = 0.5  # share of the paths' noise in the audit's variance; below it, pixels dominate
-
 
 def audited(trace_input: TraceInput, result: Trace, sample: PixelSample | None = None) -> Trace:
     """Result of a trace by `source` with its `audit`, or with the reason for none in `unaudited`.
@@ -115,7 +113,7 @@ def _enough(
         if doubt <= max(allowed_K2, square / 4):
             return True
         # Without the noise of the paths, the standard error would be at least 0.7 of its value.
-        return drawn.by_noise(lower, upper) <= _BY_PATHS
+        return drawn.by_noise(lower, upper) <= 0.5
 
     return enough
 

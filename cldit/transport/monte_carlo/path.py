@@ -14,7 +14,7 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.buffers import download, upload, zeros
-from cldit.gpu.device import Device, shares
+from cldit.gpu.device import shares
 from cldit.gpu.program import Define, Program, build
 from cldit.transport.cell_phases import class_shares
 from cldit.transport.energy_balance import EnergyBalance
@@ -118,9 +118,8 @@ def _scattered(trace_input: TraceInput, program: Program, medium: dict[str, Any]
 
 @dataclass(frozen=True)
 class _PathTracer:
-    """A device and the pixels whose paths it traces."""
+    """A device's program, and the pixels whose paths it traces."""
 
-    device: Device
     program: Program
     count: int
     halves: tuple[Any, Any]
@@ -153,7 +152,7 @@ class _PathTracer:
                 "whole_pixels": int(settings.whole_pixels),
                 **medium,
             }
-            tracers.append(cls(device, program, len(portion), (even, odd), arguments))
+            tracers.append(cls(program, len(portion), (even, odd), arguments))
         return tracers
 
     def launch(self, seed: int, first: int) -> None:
@@ -172,13 +171,13 @@ class _PathTracer:
                     **self.arguments,
                 },
             )
-        self.device.queue.flush()
+        self.program.device.queue.flush()
 
     def means(self, half: int, components: int, real: type[np.floating]) -> Reals:
         """Waits for the means (C + 1, N) of the even (0) or of the odd (1) batch; the last are the
         numbers of ended paths."""
         means = np.empty((components + 1, self.count), real)
-        return download(self.device, self.halves[half], means)
+        return download(self.program.device, self.halves[half], means)
 
 
 def trace_path(
@@ -200,16 +199,14 @@ def trace_path(
     seconds = {"compile": sum(program.build_s for program in programs)}
     start = time.perf_counter()
     media = _media(trace_input)
-    pixel_sample = None
-    if draw is not None:
-        pixel_sample = draw(_scattered(trace_input, programs[0], media[0]))
+    pixel_sample = None if draw is None else draw(_scattered(trace_input, programs[0], media[0]))
     seconds["image"] = time.perf_counter() - start
 
     start = time.perf_counter()
     column_count, rows = trace_input.view.pixels
     pixels = np.arange(column_count * rows) if pixel_sample is None else pixel_sample.pixels
-    needs = trace_input.cells.needs
-    parts, boundaries = len(needs.components) + 1, needs.boundaries
+    parts = len(trace_input.cells.needs.components) + 1
+    boundaries = trace_input.cells.needs.boundaries
 
     def done(sums: _BatchSums) -> bool:
         """True if the samples suffice."""
@@ -222,14 +219,13 @@ def trace_path(
     sums = _sampled(trace_input, tracers, len(pixels), done)
     seconds["scattering"] = time.perf_counter() - start
     shape = (parts, rows, column_count) if pixel_sample is None else (parts, 1, len(pixels))
-    image, difference, closure = sums.halves[0], sums.halves[1], None
-    if len(pixels):  # else no pixel was drawn
-        closure = _balance(sums, boundaries, shape)
+    image, difference = sums.halves
+    if len(pixels) and pixel_sample is None:  # else no pixel was drawn
         image, difference = sums.mean, sums.difference
-        if pixel_sample is not None:
-            image, difference = sums.balanced(boundaries)
+    elif len(pixels):
+        image, difference = sums.balanced(boundaries)
     return Trace(
-        closure=closure,
+        closure=_balance(sums, boundaries, shape) if len(pixels) else None,
         short=_ended(trace_input, sums, len(pixels)),
         weights=weights_of(image.reshape(shape), trace_input.cells),
         weights_difference=weights_of(difference.reshape(shape), trace_input.cells),

@@ -7,7 +7,6 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter
 
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
@@ -15,7 +14,6 @@ from cldit.transport.ray_choice import MOST_ACROSS, allocated, as_shared, contra
 from cldit.transport.sobol import net
 from cldit.transport.subpixels import important
 from cldit.transport.tuning import Tuning
-from cldit.transport.view import dilated
 
 ONE = np.ones(1000, np.int64)
 
@@ -88,14 +86,6 @@ def test_rays_through_thick_cells_share_the_paths_of_an_image() -> None:
     gather._spent, gather._rays, gather.short = 5e5, 1000, ""
     assert gather.affords(1000) and not gather.short
     assert not gather.affords(1001) and "1e+06 scatterings" in gather.short
-
-
-@pytest.mark.parametrize("pixels", [0, 1, 3, 40])
-def test_squares_about_pixels_are_those_of_a_filter(pixels: int) -> None:
-    chosen = np.random.default_rng(4).random((9, 30)) < 0.03
-    expected = maximum_filter(chosen, 2 * pixels + 1)
-    assert 0 < chosen.sum() <= expected.sum()
-    np.testing.assert_array_equal(dilated(chosen, pixels), expected)
 
 
 MANY = 400

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cldit.medium.frame import Cube
-from cldit.medium.octree import CellSource, build_octree
+from cldit.medium.octree import build_octree
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.axis_order import axis_orders
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
@@ -16,6 +16,7 @@ from cldit.transport.discrete_ordinates.segments import Segments
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, kba_tiles
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.tuning import Tuning
+from tests.kernels.medium import cells_source
 
 
 def scattered_cells(seed: int) -> OpticalCells:
@@ -23,16 +24,9 @@ def scattered_cells(seed: int) -> OpticalCells:
     rng = np.random.default_rng(seed)
     frame = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.32, depth=5)
     place = np.argwhere(rng.random((32, 32, 32)) < 0.02)
-    lower = place * frame.cell_m
     half = rng.uniform(0.0, 0.5, len(place)) / frame.cell_m
-    source = CellSource(
-        lower_m=np.asarray(lower, np.float64),
-        upper_m=np.asarray(lower + frame.cell_m, np.float64),
-        vapour_absorption=0 * half,
-        vapour_emission=0 * half,
-        droplet_absorption=half,
-        droplet_scattering=half,
-        droplet_emission=half,
+    source = cells_source(
+        frame, place, droplet_absorption=half, droplet_scattering=half, droplet_emission=half
     )
     return OpticalCells.of(build_octree(frame, None, [source], optical_depth_split=1e-5))
 
@@ -154,20 +148,21 @@ def test_steps_of_directions(shape: tuple[int, int, int]) -> None:
     for axis, layout in axis_orders(shape).items():
         numbers = np.flatnonzero(main == axis)
         schedule = SweepSchedule.of(layout, numbers, directions, starts, edge=4)
-        assert sorted(schedule.number) == list(numbers)
-        for first, end, sense, step in np.unique(schedule.tiles[:, 4:], axis=0):
+        ordinate, begins = schedule.tables["origins"][:, 2], schedule.tables["begins_at"]
+        assert sorted(ordinate) == list(numbers)
+        for first, end, sense, step in np.unique(schedule.tables["tiles"][:, 4:], axis=0):
             for k in range(first, end):
-                run = -unit[schedule.number[k]][list(layout.axes)]
+                run = -unit[ordinate[k]][list(layout.axes)]
                 assert (run[2] < 0) == sense and run[1] * step >= 0
                 segments = Segments.of(
                     run[None, :2] / abs(run[2]),
-                    starts[schedule.number[k], None],
+                    starts[ordinate[k], None],
                     layers=layout.size[2],
                     backwards=np.array([bool(sense)]),
                 )
-                its = slice(schedule.begins[k, 0], schedule.begins[k, -1])
-                np.testing.assert_array_equal(schedule.shifts[its], segments.shifts())
-                for met, (one, other) in enumerate(pairwise(schedule.begins[k] - its.start)):
+                its = slice(begins[k, 0], begins[k, -1])
+                np.testing.assert_array_equal(schedule.tables["shifts"][its], segments.shifts())
+                for met, (one, other) in enumerate(pairwise(begins[k] - its.start)):
                     assert one < other and np.all(segments.layer[one:other] == met)
                     moved = segments.shifts()[one:other, 3]
                     assert np.all(np.isin(moved, (0, step, 2))) and np.sum(moved == step) <= 1

@@ -1,4 +1,4 @@
-"""Gradients of coefficients in cells: by definition, conserved, nothing below 0."""
+"""Coefficients that are linear in cells: by definition, conserved, nothing below 0."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
+from cldit.gpu.buffers import download
+from cldit.gpu.device import Device
 from cldit.medium.frame import Cube
 from cldit.medium.limiter import limited
-from cldit.medium.octree import CellSource, Octree, build_octree
+from cldit.medium.octree import Octree, build_octree
 from cldit.transport.cells import OpticalCells
-from cldit.transport.linear_coefficients import LEAST
-from tests.kernels.cell_twin import RecordsTwin, linear_of, middles_of, relative_gradient
+from cldit.transport.linear_coefficients import LEAST, thick_albedo
+
+from .cell_twin import LinearCoefficients
+from .medium import cells_source
 
 CELLS = 64
 FRAME = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
@@ -22,17 +26,7 @@ FRAME = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.64, depth=6)
 
 def tree_of(place: NDArray[np.int64], values: Floats, *, split: float = 1e-9) -> Octree:
     """Vapour of optical depth `values` (N,) in the cells `place` (N, 3; x, y, z)."""
-    lower = np.asarray(place * FRAME.cell_m, np.float64)
-    nothing = np.zeros(len(place))
-    source = CellSource(
-        lower_m=lower,
-        upper_m=np.asarray(lower + FRAME.cell_m, np.float64),
-        vapour_absorption=values / FRAME.cell_m,
-        vapour_emission=nothing,
-        droplet_absorption=nothing,
-        droplet_scattering=nothing,
-        droplet_emission=nothing,
-    )
+    source = cells_source(FRAME, place, vapour_absorption=values / FRAME.cell_m)
     return build_octree(FRAME, None, [source], optical_depth_split=split)
 
 
@@ -43,10 +37,6 @@ def leaf_at(tree: Octree, place: NDArray[np.int64]) -> tuple[int, int]:
     if entry >= 0:
         return entry * 512 + (z * 8 + y) * 8 + x, 1
     return tree.slots * 512 - 1 - entry, CELLS >> int(tree.coarse_level[-1 - entry])
-
-
-def gradient_of(cells: OpticalCells) -> NDArray[np.float32]:
-    return relative_gradient(cells.tree, cells.depth.astype(np.float32))
 
 
 def slope_at(cells: OpticalCells, place: NDArray[np.int64], axis: int) -> float:
@@ -71,7 +61,7 @@ def slope_at(cells: OpticalCells, place: NDArray[np.int64], axis: int) -> float:
     return float(np.sign(central)) * min(abs(central), most)
 
 
-def test_by_definition() -> None:
+def test_by_definition(device: Device) -> None:
     """In random cells, at sides of the cube and beside coarse leaves, empty or not."""
     rng = np.random.default_rng(5)
     place = np.argwhere(rng.random((CELLS, CELLS, CELLS)) < 0.7)
@@ -81,7 +71,7 @@ def test_by_definition() -> None:
     tree = tree_of(place[block | even], values[block | even], split=1e-6)
     cells = OpticalCells.of(tree)
     assert 0 < tree.slots < 512 and np.any(tree.coarse_level[FRAME.depth + 1 :] < 3)
-    found = gradient_of(cells)
+    found = LinearCoefficients.of(device, cells).extinction
     checked = 0
     for place_ in place[block][::7]:
         address, _ = leaf_at(tree, place_)
@@ -93,31 +83,49 @@ def test_by_definition() -> None:
     assert checked > 300
 
 
-def test_never_below_zero() -> None:
+def test_never_below_zero(device: Device) -> None:
     """At no corner of any cell, whatever the neighbours; and in empty cells it is 0."""
     rng = np.random.default_rng(6)
     place = np.argwhere(rng.random((CELLS, CELLS, CELLS)) < 0.02)
     cells = OpticalCells.of(tree_of(place, 10.0 ** rng.uniform(-8, 2, len(place))))
-    gradient = gradient_of(cells).astype(float)
+    gradient = LinearCoefficients.of(device, cells).extinction
     corner = 1 - np.abs(gradient).sum(axis=1) / 2
     assert corner.min() > 0.9 * LEAST  # rounding of three numbers
     assert corner.min() < 0.1  # it was needed
     assert not gradient[cells.depth == 0].any()
 
 
-def test_linear_field_is_exact() -> None:
-    """In stored cells within, whatever the direction."""
+def test_linear_fields_are_exact(device: Device) -> None:
+    """In stored cells within, whatever the direction: of the extinction of vapour, and of albedo
+    and emission where the extinction of droplets is even."""
     place = np.argwhere(np.ones((16, 16, 16), bool)) + 24
-    wanted = np.array([0.003, -0.007, 0.002])
-    cells = OpticalCells.of(tree_of(place, 0.5 + (place - 32) @ wanted))
+    rise = np.array([0.003, -0.007, 0.002])
+    share = 0.5 + (place - 32) @ rise
+    even = cells_source(
+        FRAME,
+        place,
+        droplet_absorption=(1 - share) / FRAME.cell_m,
+        droplet_scattering=share / FRAME.cell_m,
+        droplet_emission=2 * share / FRAME.cell_m,
+    )
+    droplets = build_octree(FRAME, None, [even], optical_depth_split=1e-9)
     inner = place[np.all((place > 24) & (place < 39), axis=1)]
-    address = [leaf_at(cells.tree, one)[0] for one in inner]
-    found = gradient_of(cells)[address] * cells.depth[address, None]
-    np.testing.assert_allclose(found, np.broadcast_to(wanted, found.shape), atol=2e-7)
+    for tree in (tree_of(place, share), droplets):
+        cells = OpticalCells.of(tree)
+        linear = LinearCoefficients.of(device, cells)
+        address = [leaf_at(tree, one)[0] for one in inner]
+        steep: list[NDArray[np.floating]]
+        steep = [linear.extinction[address] * cells.depth[address, None]]
+        if tree is droplets:
+            assert np.abs(steep).max() < 1e-6
+            steep = [linear.albedo[address], cells.scale / 2 * linear.emission[0, address]]
+        for gradient in steep:
+            expected = np.broadcast_to(rise, gradient.shape)
+            np.testing.assert_allclose(gradient, expected, atol=4e-7)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_coarse_leaves_of_a_linear_field(axis: int) -> None:
+def test_coarse_leaves_of_a_linear_field(device: Device, axis: int) -> None:
     """Leaves of a brick: the slope between their means, per finest cell. Its other axes have
     none, at the sides of the cube too."""
     place = np.argwhere(np.ones((CELLS, CELLS, CELLS), bool))
@@ -131,7 +139,7 @@ def test_coarse_leaves_of_a_linear_field(axis: int) -> None:
     middle[axis] = 35
     address, edge = leaf_at(tree, middle)
     assert edge == 8
-    found = gradient_of(cells)[address] * cells.depth[address]
+    found = LinearCoefficients.of(device, cells).extinction[address] * cells.depth[address]
     wanted = np.zeros(3)
     wanted[axis] = 1e-7 / CELLS
     np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-12)
@@ -158,13 +166,12 @@ def random_cells(seed: int, *, isothermal: bool = False) -> OpticalCells:
     rng = np.random.default_rng(seed)
     frame = Cube(lower_m=(0.0, 0.0, 0.0), edge_m=0.32, depth=5)
     place = np.argwhere(rng.random((32, 32, 32)) < 0.4)
-    lower = np.asarray(place * frame.cell_m, np.float64)
     some = rng.random((3, len(place))) < 0.7
     gas, absorbing, scattering = 10.0 ** rng.uniform(-2, 2, (3, len(place))) * some
     hot = np.ones((2, len(place))) if isothermal else rng.uniform(0.01, 1.0, (2, len(place)))
-    source = CellSource(
-        lower_m=lower,
-        upper_m=np.asarray(lower + frame.cell_m, np.float64),
+    source = cells_source(
+        frame,
+        place,
         vapour_absorption=gas,
         vapour_emission=hot[0] * gas,
         droplet_absorption=absorbing,
@@ -181,66 +188,53 @@ def planes(cells: OpticalCells) -> NDArray[np.float64]:
     return np.stack([albedo, *(cells.emitted[name] for name in cells.needs.emitters)])
 
 
-def test_albedo_and_emission_are_never_below_zero() -> None:
+def middles(linear: LinearCoefficients) -> NDArray[np.float64]:
+    """The same in the middles of cells."""
+    return np.stack([linear.middle_albedo, *linear.middle_emission])
+
+
+def test_albedo_and_emission_are_never_below_zero(device: Device) -> None:
     """At any corner, with what is taken from the middle; and no more is scattered than is taken."""
     cells = random_cells(1)
-    gradients = np.stack([linear_of(cells).albedo, *linear_of(cells).emission]).astype(float)
-    corners = planes(middles_of(cells))[..., None] + gradients @ CORNERS.T
+    linear = LinearCoefficients.of(device, cells)
+    gradients = np.stack([linear.albedo, *linear.emission])
+    corners = middles(linear)[..., None] + gradients @ CORNERS.T
     assert corners.min() > -1e-6
     assert corners[0].max() < 1 + 1e-6
     assert np.mean(np.abs(gradients).max(axis=2) > 0) > 0.1
-    assert (1 + linear_of(cells).extinction.astype(float) @ CORNERS.T).min() > 0
+    assert (1 + linear.extinction @ CORNERS.T).min() > 0
+    assert np.abs(middles(linear) - planes(cells)).max() > 0.01
 
 
-def test_a_cell_emits_and_scatters_what_its_means_say() -> None:
+def test_a_cell_emits_and_scatters_what_its_means_say(device: Device) -> None:
     """By Gauss's rule of two points an axis, which is exact for products of linear functions."""
     cells = random_cells(2)
     points = CORNERS / 3**0.5
-    extinction = 1 + linear_of(cells).extinction.astype(float) @ points.T
+    linear = LinearCoefficients.of(device, cells)
+    extinction = 1 + linear.extinction @ points.T
     np.testing.assert_allclose(extinction.mean(axis=1), 1.0, atol=1e-6)
-    gradients = np.stack([linear_of(cells).albedo, *linear_of(cells).emission]).astype(float)
-    values = planes(middles_of(cells))[..., None] + gradients @ points.T
+    gradients = np.stack([linear.albedo, *linear.emission])
+    values = middles(linear)[..., None] + gradients @ points.T
     found = np.mean(extinction * values, axis=2)
     np.testing.assert_allclose(found, planes(cells), atol=2e-7)
 
 
-def test_isothermal_medium_stays_so() -> None:
+def test_isothermal_medium_stays_so(device: Device) -> None:
     """Emission and albedo change oppositely: in a cavity nothing shows."""
-    linear = random_cells(3, isothermal=True)
-    changes = linear_of(linear).albedo + linear.scale * linear_of(linear).emission.sum(axis=0)
-    assert np.abs(linear_of(linear).albedo).max() > 0.2
+    cells = random_cells(3, isothermal=True)
+    linear = LinearCoefficients.of(device, cells)
+    changes = linear.albedo + cells.scale * linear.emission.sum(axis=0)
+    assert np.abs(linear.albedo).max() > 0.2
     np.testing.assert_allclose(changes, 0.0, atol=1e-6)
 
 
-def test_sources_of_the_image() -> None:
-    """Mean over a cell, weighted by extinction, as given; none below 0 at a corner. Thick cells
-    have the gradients of the medium's own emission, and of what it leaves to the gather."""
+def test_albedos_of_some_cells(device: Device) -> None:
+    """Listed cells have that of their middles, all others 0."""
     cells = random_cells(4)
-    made = RecordsTwin.of(cells, linear=True)
-    rng = np.random.default_rng(5)
-    count, inner = len(cells.address), cells.needs.boundaries
-    light = rng.random((2, 4, count))
-    light /= light[:, :inner].sum(axis=1, keepdims=True)
-    thermal = cells.thermal_source()
-    given = [(thermal + cells.albedo * one).astype(np.float32) for one in light]
-    gradient = rng.normal(size=(3, 4, count)).astype(np.float32) * 0.1
-    thick = np.arange(0, count, 7)
-    sources, table = made.linear_sources(list(given), gradient, thick)
-    steep = table.reshape(len(made.at), 3, 4)
-    own = linear_of(cells)
-    at = cells.address[thick]
-    np.testing.assert_array_equal(steep[thick][:, :, 0], own.albedo[at])
-    assert not steep[thick][:, :, 1:inner].any()
-    emission = steep[thick][:, :, inner:].transpose(2, 0, 1)
-    np.testing.assert_array_equal(emission, own.emission[:, at])
-    points = CORNERS / 3**0.5
-    extinction = 1 + linear_of(cells).extinction[cells.address].astype(float) @ points.T
-    for source, before in zip(sources, given, strict=True):
-        assert source is not None and source is not before
-        change = np.einsum("pic,ki->cpk", steep[:count].astype(float), points)
-        found = np.mean((source[..., None] + change) * extinction, axis=2)
-        plain = np.setdiff1d(np.arange(count), thick)
-        np.testing.assert_allclose(found[:, plain], before[:, plain], atol=1e-6)
-    mean = np.mean([one for one in sources if one is not None], axis=0)
-    corners = mean[..., None] + np.einsum("pic,ki->cpk", steep[:count].astype(float), CORNERS)
-    assert corners[:, np.setdiff1d(np.arange(count), thick)].min() > -1e-6
+    thick = np.arange(0, len(cells.address), 3)
+    some = thick_albedo(device, cells, thick, np.float32, linear=True)
+    found = download(device, some, np.empty(len(cells.depth), np.float32))
+    address = cells.address[thick]
+    albedo = LinearCoefficients.of(device, cells, np.float32).middle_albedo
+    np.testing.assert_array_equal(found[address], albedo[address])
+    assert np.count_nonzero(found) == np.count_nonzero(albedo[address])
