@@ -19,7 +19,8 @@ _WORTH = {
 
 
 class Interrupts:
-    """Handles the process's signals while it is entered; outside the main thread, none.
+    """Handles the process's signals while it is entered; outside the main thread, none. Under nohup
+    a closed terminal ends nothing.
 
     The handler only counts. Within `abortable()`, where nothing is being written, the second press
     raises Aborted at once.
@@ -57,7 +58,9 @@ class Interrupts:
     def __enter__(self) -> "Interrupts":
         if threading.current_thread() is threading.main_thread():
             for number in _WORTH:
-                self._before[number] = signal.signal(number, self._handle)
+                ignored = signal.getsignal(number) is signal.SIG_IGN
+                if not (ignored and signal.Signals(number).name == "SIGHUP"):  # as under nohup
+                    self._before[number] = signal.signal(number, self._handle)
         return self
 
     def __exit__(self, *_: object) -> None:

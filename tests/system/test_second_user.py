@@ -68,16 +68,17 @@ def test_a_second_user_touches_nothing(driver: str, variant: str) -> None:
     with opened(make_of(driver, variant, {})) as bed:
         assert bed.replies is not None
         with in_another_process(bed.device, driver) as holder:
-            sent = []
-            for _ in range(3):  # the holder of a camera sends heartbeats meanwhile
+            for _ in range(100):  # the holder of a camera sends heartbeats, and machines are busy
                 asked = bed.replies.sent
                 with pytest.raises(InUse) as caught:
                     bed.device.connect()
                 assert not bed.device.make_safe().connected
-                sent.append(bed.replies.sent - asked)
+                if bed.replies.sent == asked:
+                    break
+            else:
+                pytest.fail("each attempt asks the instrument")
             assert f"is in use by process {holder.pid} (" in str(caught.value)
             assert time.strftime("since %Y-%m-%d") in str(caught.value)
-            assert min(sent) == 0
         bed.device.connect()  # the other one was killed
         assert bed.device.make_safe().connected
         bed.device.close()

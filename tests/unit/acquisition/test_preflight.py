@@ -24,7 +24,6 @@ from cldit.rig.errors import (
 )
 from tests.wrapped import Mission, assert_safe, pulses, refusals
 
-Spoil = Callable[[dict[str, Any]], Any]
 Wrap = dict[str, Callable[[Any], dict[str, Any]]]
 
 

@@ -265,6 +265,17 @@ def test_second_ctrl_c_stops_the_generator_first(mission: Mission) -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="SIGHUP is POSIX")
+def test_under_nohup_a_closed_terminal_ends_nothing(mission: Mission) -> None:
+    """SIGHUP is ignored then, and an acquisition of hours goes on."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        record = mission.acquire(progress=lambda _: signal.raise_signal(signal.SIGHUP))
+        assert record.complete and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_in_another_thread(mission: Mission) -> None:
     """Signals belong to the main thread; elsewhere `should_stop` is the way to stop."""
     with ThreadPoolExecutor(1) as pool:
