@@ -13,6 +13,7 @@ from cldit.comparison.difference import Difference, difference
 from cldit.comparison.shown import open_shown
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
+from cldit.io.exclusive import is_empty
 from cldit.io.files import read_text
 from cldit.run import Run, Say, open_run, simulate
 from cldit.run.stored_files import SCENE_FILE
@@ -143,7 +144,7 @@ def _place(out: str | Path | None) -> Iterator[Path]:
             yield Path(folder)
         return
     place = Path(out)
-    if place.exists() and (not place.is_dir() or any(place.iterdir())):
+    if not is_empty(place):
         raise RunFolderError(f"{place}: is not empty; allowed: an empty folder, or a new one")
     yield place
 

@@ -71,14 +71,14 @@ class FileRead:
     def change(self) -> str:
         """Change since the file was read, as text; empty if it is the same."""
         try:
-            present = FileRead.of(Path(self.path))
+            current = FileRead.of(Path(self.path))
         except OSError as error:
             return f"cannot be read ({error.strerror or error})"
-        if present.sha256 == self.sha256:
+        if current.sha256 == self.sha256:
             return ""
         return (
-            f"has changed ({self.bytes} bytes of {self.modified} then, {present.bytes} bytes of "
-            f"{present.modified} now)"
+            f"has changed ({self.bytes} bytes of {self.modified} then, {current.bytes} bytes of "
+            f"{current.modified} now)"
         )
 
     @property

@@ -135,7 +135,6 @@ def design_figure(
         color="0.35",
     )
     plain_ticks(axes)
-    axes.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50])
     lowest = min(float(errors.min()) for _, _, errors in lines)
     highest = max(float(errors.max()) for _, _, errors in lines)
     axes.set_ylim(0.8 * lowest, 1.2 * max(highest, goal.error_K))

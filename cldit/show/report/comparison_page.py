@@ -37,16 +37,17 @@ def comparison_figure(difference: Difference) -> Drawing:
     change = np.where(visible, difference.change, np.nan)
     top = float(np.percentile(np.abs(change[visible]), 99)) if values.size else 1.0
     frame = ImageFrame(pixel_m=base.pixel_m, centre_m=base.centre_m)
+    names = _ends_apart(base.name, changed.name)
     panels = [
-        Panel(image, name, label, limits=limits, colours=TEMPERATURE)
-        for image, name in zip(warm, _ends_apart(base.name, changed.name), strict=True)
-    ]
-    panels += [
+        *(
+            Panel(image, name, label, limits, TEMPERATURE)
+            for image, name in zip(warm, names, strict=True)
+        ),
         change_panel(change, "difference", f"change of {label}", largest=top),
         change_panel(difference.residuals, "residual", "standard errors", largest=4.0),
     ]
     window = window_around(np.where(visible, base.maps.emissivity, 0.0), frame)
-    title = "{1} minus {0}".format(*_ends_apart(base.name, changed.name))
+    title = "{1} minus {0}".format(*names)
     legend = [(GREY, f"no {label.partition(' /')[0]}, or not compared")]
     return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
