@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ def notes_of(path: Path, **keys: Any) -> dict[str, float]:
 
 
 def refused(path: Path, message: str, **keys: Any) -> None:
+    assert re.search(message, str(path.parent)) is None, "the name of the test's folder matches"
     with pytest.raises(SprayError, match=message):
         read(path, **keys)
 

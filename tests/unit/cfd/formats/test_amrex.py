@@ -259,8 +259,8 @@ def test_as_vtk_reads_it(tmp_path: Path, mapping: Path) -> None:
     reader.GetPointDataArraySelection().EnableAllArrays()
     for cloud in leaves(reader):
         if cloud.GetNumberOfPoints():
-            columns = ("number_density", "diam")
-            number, size = (as_numpy(cloud.GetPointData().GetArray(name)) for name in columns)
+            fields = ("number_density", "diam")
+            number, size = (as_numpy(cloud.GetPointData().GetArray(name)) for name in fields)
             liquid += 684 * np.pi / 6 * np.sum(number * size**3)
     notes = notes_of(case, mapping=mapping, **PLACE)
     assert notes["vapour_mass_kg"] == pytest.approx(vapour, rel=1e-12)
