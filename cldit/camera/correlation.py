@@ -47,12 +47,12 @@ def correlation(z: Floats) -> tuple[float, float]:
     mean = float(np.mean(z[valid] ** 2))
     if not mean > 0.0:
         return float(valid.sum()), float(valid.sum())  # equal: as good as one pixel
-    largest_by_chance = 1.0 + _BY_CHANCE * (2.0 / np.count_nonzero(valid)) ** 0.5
+    largest_sill = 1.0 + _BY_CHANCE * (2.0 / np.count_nonzero(valid)) ** 0.5
     down, across = np.indices(pairs.shape) - reach
     ring = np.rint(np.hypot(down, across)).astype(int)
     count = np.bincount(ring.ravel(), pairs.ravel())
     semivariance = np.bincount(ring.ravel(), half.ravel()) / np.maximum(count, 1.0)
-    rho = 1.0 - semivariance / min(mean, largest_by_chance)
+    rho = 1.0 - semivariance / min(mean, largest_sill)
     noise = np.sqrt(2.0 / np.maximum(count, 1.0))  # of white noise
     correlated = np.cumprod((rho > noise) & (count > 0))[1 : reach + 1]  # up to the first by chance
     rho, weight = rho[1 : reach + 1] * correlated, count[1 : reach + 1] / pairs[reach, reach]

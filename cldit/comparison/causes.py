@@ -19,8 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
+from cldit.comparison.chi_square import ChiSquare
 from cldit.comparison.shown import Shown
 from cldit.comparison.tested import Tested
 from cldit.dit.evaluate import evaluated, sensor_of
@@ -134,45 +135,30 @@ def causes(change: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Caus
     nominal = tested.again(change)
     if nominal is None:
         return ()
-    where = np.isfinite(nominal.residuals)
-    noise, even = tested.independent[where], nominal.correlated
-    modes = [(mode.name, mode.of(tested.observable)) for mode in tested.modes]
-    z = change[where] / noise
-    b = np.array([image[where] for _, image in modes]).reshape(len(modes), z.size) / noise
-    inner = even * np.eye(len(b)) + b @ b.T
-
-    def size_of(image: Floats) -> tuple[float, float]:
-        """Best size of an image, and its weight k' C^-1 k."""
-        k = np.nan_to_num(image[where]) / noise
-        weighed = k - (b @ k) @ np.linalg.solve(inner, b)
-        weight = float(k @ weighed)
-        return (float(z @ weighed) / weight if weight > 0.0 else 0.0), weight / even
-
-    residual_square = float(z @ z - (b @ z) @ np.linalg.solve(inner, b @ z))
-    beyond = max(residual_square - len(z), 1.0) / even
+    fit = _Fit.of(change, tested, nominal)
     candidates = []
     for name, change_by in tried:
         kelvin, before_K = change_by(_STEP_K) / _STEP_K, math.inf
         for _ in range(_MOST_OFTEN):
-            size, weight = size_of(kelvin)
+            size, weight = fit.size_of(kelvin)
             size = float(np.clip(size, -_FARTHEST_K, _FARTHEST_K))
             if abs(size - before_K) < _ENOUGH * abs(size) or abs(size) < _LEAST_K:
                 break
             kelvin, before_K = change_by(size) / size, size
         error = max(weight, 1e-12) ** -0.5
         candidates.append((size**2 * weight, name, "K", kelvin, size, error))
-    for name, image in modes:
-        size, weight = size_of(image)
+    for mode in tested.modes:
+        image = mode.of(tested.observable)
+        size, weight = fit.size_of(image)
         if abs(size) <= _LARGEST:
             gain, error = size**2 * weight, (max(1.0 - weight, 0.0) / max(weight, 1e-12)) ** 0.5
-            candidates.append((gain, name, "stated deviations", image, size, error))
-    best = max((candidate[0] for candidate in candidates), default=0.0)
+            candidates.append((gain, mode.name, "stated deviations", image, size, error))
+    candidates.sort(key=lambda candidate: -candidate[0])
+    beyond, best = fit.beyond, max((candidate[0] for candidate in candidates), default=0.0)
     if best < max(_MOSTLY * beyond, _CLEAR):
         return ()
     out = []
-    for gain, name, unit, image, size, error in sorted(
-        candidates, key=lambda candidate: -candidate[0]
-    ):
+    for gain, name, unit, image, size, error in candidates:
         if gain >= max(best - _BY_CHANCE, _CLEAR):
             rest = tested.again(change - size * np.nan_to_num(image))
             out.append(
@@ -186,3 +172,46 @@ def causes(change: Floats, tested: Tested, tried: Iterable[Trial]) -> tuple[Caus
                 )
             )
     return tuple(out)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Fit of single images to a difference with its errors.
+
+    where: (H, W) the N pixels that count. noise: (N,) independent errors. z: (N,) the difference in
+    these. modes: (M, N) likewise. even: factor of the variance of a mean by neighbours.
+    """
+
+    where: Mask
+    noise: Floats
+    z: Floats
+    modes: Floats
+    even: float
+
+    @classmethod
+    def of(cls, change: Floats, tested: Tested, nominal: ChiSquare) -> _Fit:
+        """The fit to a `change` (H, W), whose chi-square is `nominal`."""
+        where = np.isfinite(nominal.residuals)
+        noise, z = tested.independent[where], change[where] / tested.independent[where]
+        images = [mode.of(tested.observable)[where] for mode in tested.modes]
+        modes = np.array(images).reshape(len(images), z.size) / noise
+        return cls(where, noise, z, modes, nominal.correlated)
+
+    def _less_modes(self, values: Floats) -> Floats:
+        """Values (N,) less the modes that fit them best: C^-1 k in units of the noise."""
+        b = self.modes
+        inner = self.even * np.eye(len(b)) + b @ b.T
+        return np.asarray(values - (b @ values) @ np.linalg.solve(inner, b))
+
+    def size_of(self, image: Floats) -> tuple[float, float]:
+        """Best size of an image (H, W), and its weight k' C^-1 k."""
+        k = np.nan_to_num(image[self.where]) / self.noise
+        weighed = self._less_modes(k)
+        weight = float(k @ weighed)
+        return (float(self.z @ weighed) / weight if weight > 0.0 else 0.0), weight / self.even
+
+    @property
+    def beyond(self) -> float:
+        """Chi-square beyond that of the errors."""
+        square = float(self.z @ self._less_modes(self.z))
+        return max(square - len(self.z), 1.0) / self.even

@@ -104,20 +104,17 @@ def chi_square(
     )
     span = _span(b, [np.where(part, even, 0.0) for part in parts])
     noise = z - (span @ z) @ span
-    scatter = np.zeros((len(span), len(span)))
-    chances, sum_squares, sum_products = list[float](), 0.0, 0.0
     residuals = np.full(change.shape, np.nan)
+    alike = list[tuple[float, float]]()
     for stratum in strata:
         residuals[where] = np.where(stratum, noise, np.nan)
-        squares, products = correlation(residuals)
+        alike.append(correlation(residuals))
+    chances = _beside(noise, span, parts, list(zip(strata, alike, strict=True)), degrees[0])
+    scatter, sum_squares, sum_products = np.zeros((len(span), len(span))), 0.0, 0.0
+    for stratum, (squares, products) in zip(strata, alike, strict=True):
         scatter += products * span[:, stratum] @ span[:, stratum].T
         sum_squares += squares * np.sum(stratum)
         sum_products += products * np.sum(stratum)
-        for inside in (part & stratum for part in parts):
-            freedom = float(np.sum(inside) - products * np.sum(span[:, inside] ** 2))
-            if freedom >= 1.0:
-                beside, independent = np.sum(noise[inside] ** 2) / freedom, freedom / squares
-                chances.append(_chance(beside, independent, degrees[0] * independent))
     even_products = sum_products / count
     sizes = np.asarray(np.linalg.solve(even_products * np.eye(len(b)) + b @ b.T, b @ z), float)
     residuals[where] = z - sizes @ b
@@ -136,6 +133,28 @@ def chi_square(
         sizes=sizes,
         residuals=residuals,
     )
+
+
+def _beside(
+    noise: Floats,
+    span: Floats,
+    parts: Sequence[Mask],
+    strata: Sequence[tuple[Mask, tuple[float, float]]],
+    degrees: float,
+) -> list[float]:
+    """Probabilities of larger noise beside the span, in each part of each stratum.
+
+    strata: with the sums of their squared correlations and of their correlations. degrees: of
+    freedom of the variance of a pixel.
+    """
+    chances = []
+    for stratum, (squares, products) in strata:
+        for inside in (part & stratum for part in parts):
+            freedom = float(np.sum(inside) - products * np.sum(span[:, inside] ** 2))
+            if freedom >= 1.0:
+                beside, independent = np.sum(noise[inside] ** 2) / freedom, freedom / squares
+                chances.append(_chance(beside, independent, degrees * independent))
+    return chances
 
 
 def _along(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from cldit.comparison.chi_square import probability, sidak
 from cldit.comparison.difference import Align, Difference, difference
 from cldit.comparison.pixels import together
-from cldit.comparison.shown import OneFilter, Openable, Shown, open_filters, open_shown
+from cldit.comparison.shown import Observable, OneFilter, Openable, Shown, open_filters, open_shown
 from cldit.dit.budget import Part
 from cldit.dit.maps import Reason
 from cldit.errors import EvaluationError
@@ -178,40 +179,42 @@ def compare(
         _name(openable, shown) for openable, shown in zip((one, *compared), opened, strict=True)
     ]
     filters = _filters_of(names, opened)
-    if unknown := set(extinction) - set(filters):
-        named = ", ".join(name for name in filters if name) or "none, as NAME=RESULT names one"
-        raise EvaluationError(f"extinction: {', '.join(sorted(unknown))}; allowed: {named}")
-    if lines and len(filters) > 1:
-        raise EvaluationError(f"lines: {len(filters)} filters; allowed: results of one filter")
-    several = len(filters) > 1
-    by_filter = [
-        [shown[name] if several else next(iter(shown.values())) for shown in opened]
-        for name in filters
-    ]
+    _check_options(filters, extinction, lines)
     variants = {name: open_shown(openable) for name, openable in (lines or {}).items()}
+    several = len(filters) > 1
     differences: list[dict[str, Difference]] = [{} for _ in compared]
-    for name, (reference, *shown) in zip(filters, by_filter, strict=True):
-        of_t_app = name not in extinction
-        _check([reference, *shown, *variants.values()], with_t_app=of_t_app)
-        base = next((result for result in shown if result.run is not None), None)
-        for pairs, result in zip(differences, shown, strict=True):
-            pairs[name] = difference(
-                reference,
-                with_lines(result, onto=reference, base=base, variants=variants),
-                within_K=within_K,
-                align=align,
-                observable="T_app" if of_t_app else "emissivity",
-                filters=len(filters),
-            )
-            if not pairs[name].regions["all"].pixels and not pairs[name].same:
-                sides = f"{pairs[name].one} and {pairs[name].other}"
-                raise EvaluationError(f"{sides}: no pixel is visible in both; is it the same view?")
+    for name in filters:
+        shown = [result[name] if several else next(iter(result.values())) for result in opened]
+        of: Observable = "emissivity" if name in extinction else "T_app"
+        _check([*shown, *variants.values()], with_t_app=of == "T_app")
+        subtract = partial(
+            difference, within_K=within_K, align=align, observable=of, filters=len(filters)
+        )
+        pairs = _of_filter(shown[0], shown[1:], variants, subtract)
+        for by_filter, pair in zip(differences, pairs, strict=True):
+            by_filter[name] = pair
     return Comparison(
         tuple(
             FilterDifferences(other=other, by_filter=pairs)
             for other, pairs in zip(names[1:], differences, strict=True)
         )
     )
+
+
+def _of_filter(
+    reference: Shown,
+    compared: Sequence[Shown],
+    variants: Mapping[str, Shown],
+    subtract: Callable[[Shown, Shown], Difference],
+) -> Iterator[Difference]:
+    """Differences of results from the first one; EvaluationError if no pixel is visible in both."""
+    base = next((result for result in compared if result.run is not None), None)
+    for result in compared:
+        pair = subtract(reference, with_lines(result, onto=reference, base=base, variants=variants))
+        if not pair.regions["all"].pixels and not pair.same:
+            sides = f"{pair.one} and {pair.other}"
+            raise EvaluationError(f"{sides}: no pixel is visible in both; is it the same view?")
+        yield pair
 
 
 def _name(openable: Openable, shown: Mapping[str, Shown]) -> str:
@@ -238,6 +241,16 @@ def _filters_of(names: Sequence[str], opened: Sequence[Mapping[str, Shown]]) -> 
                 "names that of a run and takes one of several"
             )
     return named
+
+
+def _check_options(
+    filters: Sequence[str], extinction: Collection[str], lines: Mapping[str, OneFilter] | None
+) -> None:
+    if unknown := set(extinction) - set(filters):
+        named = ", ".join(name for name in filters if name) or "none, as NAME=RESULT names one"
+        raise EvaluationError(f"extinction: {', '.join(sorted(unknown))}; allowed: {named}")
+    if lines and len(filters) > 1:
+        raise EvaluationError(f"lines: {len(filters)} filters; allowed: results of one filter")
 
 
 def _check(shown: Sequence[Shown], *, with_t_app: bool) -> None:

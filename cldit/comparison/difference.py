@@ -20,7 +20,7 @@ from cldit.comparison.regions import Value, positions_m, shape_of
 from cldit.comparison.registration import aligned
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Observable, OneFilter, Shown, open_shown
-from cldit.comparison.tested import Mode, RegionDifference, seen_in_both, tested
+from cldit.comparison.tested import Mode, RegionDifference, Tested, seen_in_both, tested
 from cldit.comparison.verdict import Verdict
 from cldit.run.ensemble import INJECTIONS
 from cldit.scene.keys import KeyDifference, key_differences
@@ -241,41 +241,25 @@ def difference(
     `observable` is tested, at the level of one of so many `filters`.
     Raises RunFolderError without maps, EvaluationError if the pixels cannot be brought together.
     """
-    reference, result = (
-        open_shown(openable, acquired=acquired) for openable in (baseline, compared)
-    )
-    stated_K = reference.error_K, result.error_K
-    parts = unshared(reference, result)
-    by_images = align == "images"
-    reference, result, averaged = together(parts.baseline, parts.compared, centred=not by_images)
+    opened = [open_shown(openable, acquired=acquired) for openable in (baseline, compared)]
+    parts = unshared(opened[0], opened[1])
     unaligned = parts.baseline, parts.compared
+    reference, result, averaged = together(*unaligned, centred=align == "metadata")
     view, of_view = None, list[tuple[Floats, Floats]]()
-    if by_images:
+    if align == "images":
         reference, result, view, of_view = aligned(reference, result)
-    change_K, change = (
-        np.subtract(
-            *(getattr(shown.maps, name).astype(np.float64) for shown in (result, reference))
-        )
-        for name in ("apparent_temperature_K", "emissivity")
+    change_K = _change("apparent_temperature_K", reference, result)
+    change = change_K if observable == "T_app" else _change("emissivity", reference, result)
+    test = tested(
+        change, reference, result, of_view, observable=observable, level=sidak_level(LEVEL, filters)
     )
     has, other_has = (np.isfinite(s.maps.apparent_temperature_K) for s in (reference, result))
-    of_t_app = observable == "T_app"
-    change = change_K if of_t_app else change
-    level = sidak_level(LEVEL, filters)
-    test = tested(change, reference, result, of_view, observable=observable, level=level)
-    p_value = test.regions["all"].p_value
-    explained = tuple[Cause, ...]()
-    if p_value is not None and p_value < level:
-        onto = partial(_onto, unaligned, view)
-        temperatures = trials(*unaligned, (reference, result), onto) if of_t_app else ()
-        explained = causes(change, test, temperatures)
-    scenes = [shown.scene or (shown.traced and shown.traced.scene) for shown in unaligned]
     return Difference(
         one=reference.name,
         other=result.name,
         maps=tuple(_of(name, unit, reference, result) for name, unit in _COMPARED.items()),
         only=(int(np.sum(has & ~other_has)), int(np.sum(other_has & ~has))),
-        stated_K=stated_K,
+        stated_K=(opened[0].error_K, opened[1].error_K),
         unshared_K=(reference.error_K, result.error_K),
         unshared_emissivity=(reference.emissivity_error, result.emissivity_error),
         shared=parts.shared,
@@ -284,14 +268,14 @@ def difference(
         at_least=reference.at_least or result.at_least,
         given_K=within_K,
         injections_p=injections_p(
-            reference.run, result.run, test.where["all"], of_emissivity=not of_t_app
+            reference.run, result.run, test.where["all"], of_emissivity=observable == "emissivity"
         ),
         regions=test.regions,
         modes=test.modes,
         averaged=averaged,
         view="" if view is None else view.text,
-        keys=key_differences(scenes[0], scenes[1]) if scenes[0] and scenes[1] else (),
-        causes=explained,
+        keys=_keys(*unaligned),
+        causes=_explained(change, test, unaligned, (reference, result), view),
         seen=(reference, result),
         change_K=change_K,
         change=change,
@@ -300,6 +284,22 @@ def difference(
         observable=observable,
         filters=filters,
     )
+
+
+def _explained(
+    change: Floats,
+    test: Tested,
+    unaligned: tuple[Shown, Shown],
+    seen: tuple[Shown, Shown],
+    view: Alignment | None,
+) -> tuple[Cause, ...]:
+    """Causes of a change (H, W) that the errors do not explain; temperatures change T_app alone."""
+    p_value = test.regions["all"].p_value
+    if p_value is None or p_value >= test.level:
+        return ()
+    of_t_app = test.observable == "T_app"
+    onto = partial(_onto, unaligned, view)
+    return causes(change, test, trials(*unaligned, seen, onto) if of_t_app else ())
 
 
 def _onto(pair: tuple[Shown, Shown], view: Alignment | None, trace: Shown) -> Floats:
@@ -312,9 +312,22 @@ def _onto(pair: tuple[Shown, Shown], view: Alignment | None, trace: Shown) -> Fl
     return kelvin if view is None or swapped is bool(traced) else view.moved(kelvin)
 
 
-def _of(name: str, unit: str, baseline: Shown, compared: Shown) -> MapDifference:
+def _keys(baseline: Shown, compared: Shown) -> tuple[KeyDifference, ...]:
+    """Keys that differ between the scenes, if both are known."""
+    scenes = [
+        shown.scene or (shown.traced and shown.traced.scene) for shown in (baseline, compared)
+    ]
+    return key_differences(scenes[0], scenes[1]) if scenes[0] and scenes[1] else ()
+
+
+def _change(name: str, baseline: Shown, compared: Shown) -> Floats:
+    """Change (H, W) of a map by its name."""
     images = (getattr(shown.maps, name).astype(np.float64) for shown in (compared, baseline))
-    change = np.subtract(*images)
+    return np.asarray(np.subtract(*images))
+
+
+def _of(name: str, unit: str, baseline: Shown, compared: Shown) -> MapDifference:
+    change = _change(name, baseline, compared)
     finite = np.isfinite(change)
     if not finite.any():
         return MapDifference(name=name, unit=unit, pixels=0)

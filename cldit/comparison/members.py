@@ -39,16 +39,6 @@ _SEED = 1
 
 
 @dataclass(frozen=True)
-class OfInjections:
-    """Error of a mean of injections (H, W): components, and the variance of the rest, of T_app
-    [K^2] and of the emissivity."""
-
-    parts: tuple[Part, ...]
-    rest_K2: Floats
-    rest_emissivity2: Floats
-
-
-@dataclass(frozen=True)
 class Members:
     """Deviations (n, N) of n injections from their mean, in the N pixels `seen` (H, W).
 
@@ -114,30 +104,31 @@ class Members:
         return np.asarray(self.turn.T @ deviations / self.free**0.5)
 
     @property
-    def of_mean(self) -> OfInjections:
-        """Error of the mean of these injections."""
+    def of_mean(self) -> tuple[tuple[Part, ...], tuple[Floats, Floats]]:
+        """Error of the mean of these injections: components, and the variance (H, W) of the rest,
+        of T_app [K^2] and of the emissivity."""
         count = len(self.radiance)
         kelvin = self.kelvin(self.radiance, self.emissivity)
+        deviations = kelvin, self.emissivity
+        changes = (self.one(values) / count**0.5 for values in deviations)
+        pairs = zip(*(self.image(values) for values in changes), strict=True)
+        parts = tuple(
+            Part(
+                name=f"{INJECTIONS}, component {number}",
+                kelvin=of_K,
+                emissivity=of_e,
+                degrees=float(self.free),
+            )
+            for number, (of_K, of_e) in enumerate(pairs, start=1)
+        )
         rest_K2, rest_emissivity2 = (
             np.sum(values**2, axis=0) - np.sum((self.turn.T @ values) ** 2, axis=0)
-            for values in (kelvin, self.emissivity)
+            for values in deviations
         )
-        changes = (self.one(values) / count**0.5 for values in (kelvin, self.emissivity))
-        parts = zip(*(self.image(values) for values in changes), strict=True)
-        return OfInjections(
-            tuple(
-                Part(
-                    name=f"{INJECTIONS}, component {number}",
-                    kelvin=of_K,
-                    emissivity=of_e,
-                    degrees=float(self.free),
-                )
-                for number, (of_K, of_e) in enumerate(parts, start=1)
-            ),
-            *(
-                self.image(np.maximum(rest, 0.0) / (count * (count - 1)))
-                for rest in (rest_K2, rest_emissivity2)
-            ),
+        squares = count * (count - 1)
+        return parts, (
+            self.image(np.maximum(rest_K2, 0.0) / squares),
+            self.image(np.maximum(rest_emissivity2, 0.0) / squares),
         )
 
     def of_shots(self, shots: float) -> tuple[Part, ...]:

@@ -6,7 +6,7 @@ temperatures would be a different quantity.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -160,26 +160,16 @@ def _averaged_recording(
         return replace(part, kelvin=change, emissivity=mean(np.nan_to_num(part.emissivity)))
 
     common = tuple(averaged(part) for part in fine.common)
-    independent = fine.independent_variance()
-    stated = fine.emissivity_error_map
-    stated = fine.maps.emissivity_standard_error.astype(np.float64) if stated is None else stated
-    of_e = np.nan_to_num(stated) ** 2
-    of_e -= sum((np.nan_to_num(part.emissivity) ** 2 for part in fine.common), 0.0)
-    square_e = mean_square(np.maximum(of_e, 0.0))
-    square_e = square_e + sum((part.emissivity**2 for part in common), 0.0)
-    error_K = np.full(mean_emissivity.shape, np.nan)
-    if independent is not None:
-        error_K = mean_square(steep**2 * np.nan_to_num(independent)) / slope**2
-        error_K = np.sqrt(error_K + sum((part.kelvin**2 for part in common), 0.0))
-    covariance = mean_square(steep * np.nan_to_num(fine.independent_covariance_K)) / slope
-    covariance = covariance + sum((part.kelvin * part.emissivity for part in common), 0.0)
+    error_K, error, covariance = _averaged_errors(
+        fine, common, steep, slope, mean_square=mean_square
+    )
     nothing = np.full(mean_emissivity.shape, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.where(seen, covariance / (np.sqrt(square_e) * error_K), np.nan)
+        correlation = np.where(seen, covariance / (error * error_K), np.nan)
     images = {
         "emissivity": mean_emissivity,
         "apparent_temperature_K": np.where(seen, warm, np.nan),
-        "emissivity_standard_error": np.sqrt(square_e),
+        "emissivity_standard_error": error,
         "apparent_temperature_standard_error_K": np.where(seen, error_K, np.nan),
         "reduced_chi2": nothing,
         "fit_probability": nothing,
@@ -190,10 +180,38 @@ def _averaged_recording(
         fine,
         maps=Maps(**{k: image.astype(np.float32) for k, image in images.items()}, reason=reason),
         error_map_K=None if fine.error_map_K is None else np.where(seen, error_K, np.nan),
-        emissivity_error_map=None if fine.emissivity_error_map is None else np.sqrt(square_e),
+        emissivity_error_map=None if fine.emissivity_error_map is None else error,
         common=common,
         systematic=tuple(averaged(part) for part in fine.systematic),
     )
+
+
+def _averaged_errors(
+    fine: Shown,
+    common: Sequence[Part],
+    steep: Floats,
+    slope: Floats,
+    *,
+    mean_square: Callable[[Floats], Floats],
+) -> tuple[Floats, Floats, Floats]:
+    """Standard errors of T_app [K] and emissivity on coarser pixels, and their covariance.
+
+    common: on these pixels. steep, slope: e B' on those of `fine`, and on these.
+    """
+    independent = fine.independent_variance()
+    stated = fine.emissivity_error_map
+    stated = fine.maps.emissivity_standard_error.astype(np.float64) if stated is None else stated
+    of_e = np.nan_to_num(stated) ** 2
+    of_e -= sum((np.nan_to_num(part.emissivity) ** 2 for part in fine.common), 0.0)
+    square_e = mean_square(np.maximum(of_e, 0.0))
+    square_e = square_e + sum((part.emissivity**2 for part in common), 0.0)
+    error_K = np.full(slope.shape, np.nan)
+    if independent is not None:
+        error_K = mean_square(steep**2 * np.nan_to_num(independent)) / slope**2
+        error_K = np.sqrt(error_K + sum((part.kelvin**2 for part in common), 0.0))
+    covariance = mean_square(steep * np.nan_to_num(fine.independent_covariance_K)) / slope
+    covariance = covariance + sum((part.kelvin * part.emissivity for part in common), 0.0)
+    return error_K, np.sqrt(square_e), covariance
 
 
 def _mean_known(error_K: Floats, mean: Callable[[Floats], Floats]) -> Floats:

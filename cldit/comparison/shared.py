@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import reduce
 from types import MappingProxyType
@@ -183,23 +183,14 @@ def _counted(
         return replace(shown, error_K=0.0) if same and shown.run is not None else shown
     remaining = [cause for cause in run.errors.causes if cause.name not in names]
     stated = [cause for cause in remaining if cause.error_K is not None]
-    of_run = None if shown.run is not None else shown.maps
-    members = Members.of(run, recorded=of_run) if shown.error_map_K is not None else None
-    common, rests = tuple[Part, ...](), (list[Floats](), list[Floats]())
-    if members is not None:
-        if any(cause.name == INJECTIONS for cause in stated):
-            of_mean = members.of_mean
-            common, rests = of_mean.parts, ([of_mean.rest_K2], [of_mean.rest_emissivity2])
-            stated = [cause for cause in stated if cause.name != INJECTIONS]
-        if shown.noisy:
-            common += members.of_shots(run.scene.plan.shots)
     of_noise = (0.0, 0.0) if shown.run is not None else (shown.error_K, shown.emissivity_error)
     square, square_e = ((error or 0.0) ** 2 for error in of_noise)
+    square_e += sum((cause.emissivity or 0.0) ** 2 for cause in remaining)
+    common, rests, stated = _of_injections(shown, run, stated)
     for cause in stated:
         counted = inside.get(cause.name)
         share = 1.0 if counted is None else float(np.mean(counted))
         square += share * (cause.error_K or 0.0) ** 2
-    square_e += sum((cause.emissivity or 0.0) ** 2 for cause in remaining)
     images = [
         {cause.name: _map_of(shown, cause, of, inside.get(cause.name)) for cause in stated}
         for of in _OBSERVABLES
@@ -212,15 +203,11 @@ def _counted(
             totals.append(None)
             continue
         noise = np.where(np.isfinite(image), 0.0 if shown.run is not None else image, np.nan)
-        squares = [*rest, *(part.of(of) ** 2 for part in common)]
+        squares = [rest, *(part.of(of) ** 2 for part in common)]
         squares += [error**2 for error in by_cause.values()]
         totals.append(np.sqrt(sum(squares, noise**2)))
     if totals[0] is not None:
-        for name in (cause.name for cause in stated if cause.shared_by not in _OWN):
-            kelvin, emissivity = (_COMMON * image[name] for image in images)
-            for change in ((kelvin, 0.0 * kelvin), (0.0 * kelvin, emissivity)):
-                if np.any(change):
-                    common += (Part(name=name, kelvin=change[0], emissivity=change[1]),)
+        common += tuple(_half_common(stated, images[0], images[1]))
     return replace(
         shown,
         common=shown.common + common,
@@ -230,6 +217,35 @@ def _counted(
         emissivity_error_map=totals[1],
         at_least=any(cause.error_K is None for cause in remaining),
     )
+
+
+def _of_injections(
+    shown: Shown, run: Run, stated: list[Cause]
+) -> tuple[tuple[Part, ...], Sequence[Floats | float], list[Cause]]:
+    """Errors by the injections of a run: components, the variance of the rest in T_app and in the
+    emissivity, and the `stated` causes without that which these are."""
+    of_run = None if shown.run is not None else shown.maps
+    members = Members.of(run, recorded=of_run) if shown.error_map_K is not None else None
+    common, rests = tuple[Part, ...](), tuple[Floats | float, ...]((0.0, 0.0))
+    if members is None:
+        return common, rests, stated
+    if any(cause.name == INJECTIONS for cause in stated):
+        common, rests = members.of_mean
+        stated = [cause for cause in stated if cause.name != INJECTIONS]
+    if shown.noisy:
+        common += members.of_shots(run.scene.plan.shots)
+    return common, rests, stated
+
+
+def _half_common(
+    stated: Sequence[Cause], kelvin: Mapping[str, Floats], emissivity: Mapping[str, Floats]
+) -> Iterator[Part]:
+    """The half of the variance by each source, by its name, that all pixels have in common."""
+    for name in (cause.name for cause in stated if cause.shared_by not in _OWN):
+        of_K, of_e = _COMMON * kelvin[name], _COMMON * emissivity[name]
+        for change in ((of_K, 0.0 * of_K), (0.0 * of_K, of_e)):
+            if np.any(change):
+                yield Part(name=name, kelvin=change[0], emissivity=change[1])
 
 
 def _map_of(shown: Shown, cause: Cause, observable: Observable, inside: Mask | None) -> Floats:

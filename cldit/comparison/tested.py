@@ -6,9 +6,8 @@ vapour is transparent. Numbers without a unit in their name are in that of the o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -27,23 +26,14 @@ _MOST_MODES = 16
 _LEAST_PIXELS = 4  # of a region
 
 
-@dataclass(frozen=True)
-class Mode:
+@dataclass(frozen=True, kw_only=True)
+class Mode(Part):
     """An error that all pixels share: changes (H, W) of the differences by one standard deviation.
 
-    size: the value that fits the difference best, in standard deviations. degrees: of freedom of
-    the estimate of this standard deviation.
+    size: the value that fits the difference best, in standard deviations.
     """
 
-    name: str
-    kelvin: Floats = field(repr=False)
-    emissivity: Floats = field(repr=False)
     size: float = 0.0
-    degrees: float = math.inf
-
-    def of(self, observable: Observable) -> Floats:
-        """Change (H, W) of T_app, or of the emissivity."""
-        return self.kelvin if observable == "T_app" else self.emissivity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,61 +133,36 @@ def tested(
     """
     spray = seen_in_both(baseline, compared, observable)
     unit = "K" if observable == "T_app" else "1"
-    regions = spray.regions
     # The amount of spray scatters smoothly and changes thin pixels; the errors of opaque ones are
     # the camera's. So the errors of either half are correlated otherwise.
     seen = spray.emissivity[spray.visible]
-    thin = spray.emissivity <= (np.median(seen) if seen.size else 0.0)
-    of_views = (Mode(f"view {n}", *changes) for n, changes in enumerate(of_view, start=1))
+    of_views = (
+        Mode(name=f"view {n}", kelvin=kelvin, emissivity=emissivity)
+        for n, (kelvin, emissivity) in enumerate(of_view, start=1)
+    )
     modes = (*shared_modes(baseline, compared), *of_views)
-    modes = tuple(mode for mode in modes if mode.of(observable).any())
-    of_baseline, of_compared = (
-        shown.independent_variance(observable) for shown in (baseline, compared)
-    )
+    covariance = _covariance(baseline, compared, modes, spray.visible, observable)
     nothing = np.full(change.shape, np.nan)
-    untested = Tested(
+    modes, variance, degrees = covariance or ((), nothing, (np.inf, np.inf))
+    total = variance + sum((mode.of(observable) ** 2 for mode in modes), 0.0)
+    statistic = Tested(
         regions={
-            name: RegionDifference(
-                pixels=int(np.count_nonzero(where & np.isfinite(change))), unit=unit
-            )
-            for name, where in regions.items()
+            name: RegionDifference(pixels=int(np.sum(where & np.isfinite(change))), unit=unit)
+            for name, where in spray.regions.items()
         },
-        modes=(),
-        independent=nothing,
-        error=nothing,
-        residuals=nothing,
-        degrees=(np.inf, np.inf),
-        where=regions,
-        thin=thin,
-        observable=observable,
-        level=level,
-    )
-    if of_baseline is None or of_compared is None:
-        return untested
-    variance = of_baseline + of_compared + _ROUNDED[observable] ** 2
-    finite = spray.visible & np.isfinite(variance)
-    images = [mode.of(observable) for mode in modes]
-    weights = [float(np.sum(image[finite] ** 2 / variance[finite])) for image in images]
-    kept = sorted(np.argsort(weights)[::-1][:_MOST_MODES])
-    for number, image in enumerate(images):
-        if number not in kept:  # as if it were independent
-            variance = variance + image**2
-    modes = tuple(modes[number] for number in kept)
-    of_pixels = combined_degrees(
-        [float(np.sum((of / variance)[finite])) for of in (of_baseline, of_compared)],
-        [baseline.degrees, compared.degrees],
-        total_variance=finite.sum(),
-    )
-    of_modes = combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes])
-    total = variance + sum((images[number] ** 2 for number in kept), 0.0)
-    statistic = replace(
-        untested,
         modes=modes,
         independent=np.sqrt(variance),
         error=np.sqrt(total),
-        degrees=(of_pixels, of_modes),
+        residuals=nothing,
+        degrees=degrees,
+        where=spray.regions,
+        thin=spray.emissivity <= (np.median(seen) if seen.size else 0.0),
+        observable=observable,
+        level=level,
     )
-    results = {name: statistic.again(change, name) for name in regions}
+    if covariance is None:
+        return statistic
+    results = {name: statistic.again(change, name) for name in statistic.where}
     of_all = results["all"]
     sizes = [0.0] * len(modes) if of_all is None else of_all.sizes.tolist()
     return replace(
@@ -208,6 +173,39 @@ def tested(
         modes=tuple(replace(m, size=size) for m, size in zip(modes, sizes, strict=True)),
         residuals=nothing if of_all is None else of_all.residuals,
     )
+
+
+def _covariance(
+    baseline: Shown,
+    compared: Shown,
+    modes: Sequence[Mode],
+    visible: Mask,
+    observable: Observable,
+) -> tuple[tuple[Mode, ...], Floats, tuple[float, float]] | None:
+    """The largest modes, the variance (H, W) of all other errors, and the degrees of freedom of
+    both estimates (`Tested.degrees`); None without stated errors."""
+    results = baseline, compared
+    of_results = [shown.independent_variance(observable) for shown in results]
+    stated = [variance for variance in of_results if variance is not None]
+    if len(stated) < len(results):
+        return None
+    variance = stated[0] + stated[1] + _ROUNDED[observable] ** 2
+    finite = visible & np.isfinite(variance)
+    modes = [mode for mode in modes if mode.of(observable).any()]
+    images = [mode.of(observable) for mode in modes]
+    weights = [float(np.sum(image[finite] ** 2 / variance[finite])) for image in images]
+    kept = sorted(np.argsort(weights)[::-1][:_MOST_MODES])
+    for number, image in enumerate(images):
+        if number not in kept:  # as if it were independent
+            variance = variance + image**2
+    of_pixels = combined_degrees(
+        [float(np.sum((of / variance)[finite])) for of in stated],
+        [shown.degrees for shown in results],
+        total_variance=finite.sum(),
+    )
+    largest = tuple(modes[number] for number in kept)
+    of_modes = combined_degrees([weights[n] for n in kept], [mode.degrees for mode in largest])
+    return largest, variance, (of_pixels, of_modes)
 
 
 def _region(change: Floats, test: Tested, result: ChiSquare | None, unit: str) -> RegionDifference:
@@ -255,9 +253,9 @@ def shared_modes(baseline: Shown, compared: Shown) -> tuple[Mode, ...]:
     """
     modes = [
         Mode(
-            f"{part.name} of {result.name}",
-            sign * np.nan_to_num(part.kelvin),
-            sign * np.nan_to_num(part.emissivity),
+            name=f"{part.name} of {result.name}",
+            kelvin=sign * np.nan_to_num(part.kelvin),
+            emissivity=sign * np.nan_to_num(part.emissivity),
             degrees=part.degrees,
         )
         for result, sign in ((baseline, -1.0), (compared, 1.0))
@@ -272,9 +270,9 @@ def shared_modes(baseline: Shown, compared: Shown) -> tuple[Mode, ...]:
         part, part_compared = (parts.get(name, nothing) for parts in (of_baseline, of_compared))
         modes.append(
             Mode(
-                name,
-                np.nan_to_num(part.kelvin - part_compared.kelvin),
-                np.nan_to_num(part.emissivity - part_compared.emissivity),
+                name=name,
+                kelvin=np.nan_to_num(part.kelvin - part_compared.kelvin),
+                emissivity=np.nan_to_num(part.emissivity - part_compared.emissivity),
             )
         )
     return tuple(modes)

@@ -66,6 +66,13 @@ def test_pixels_of_one_alone_are_counted() -> None:
     assert not found.same
 
 
+def with_causes(*causes: Cause, **keys: Any) -> Run:
+    """The written run with these errors, in memory, and with other keys of its scene."""
+    run = open_run(WRITTEN)
+    info = replace(run.info, errors=Errors(causes), plan={})
+    return replace(run, scene=run.scene.with_(**keys), folder=None, info=info, error_maps={})
+
+
 def noise(seed: int) -> NDArray[np.float64]:
     return np.random.default_rng(seed).standard_normal((40, 40))
 
@@ -277,37 +284,32 @@ def test_keys_that_differ() -> None:
 
 def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     """The same pixels and cells at another order: only the trace's own errors are independent."""
-    run = open_run(WRITTEN)
     causes = (
         Cause("cells", 3.0, "", shared_by="cells", emissivity=0.04),
         Cause("pixel sampling", 2.0, "", shared_by="pixels", emissivity=0.02),
         Cause("trace", 0.5, "", shared_by="seed", emissivity=0.01),
         Cause("gas grid", None, "", shared_by="spray"),
     )
-    run = replace(run, folder=None, info=replace(run.info, errors=Errors(causes)), error_maps={})
-    first = run.scene.transport.model_copy(update={"order": 1})
-    other = replace(run, scene=run.scene.model_copy(update={"transport": first}))
-    found = difference(run, other)
+    run = with_causes(*causes)
+    found = difference(run, with_causes(*causes, **{"transport.order": 1}))
     assert found.shared == ("cells", "gas grid", "pixel sampling")
     assert found.unshared_K == (0.5, 0.5) and not found.at_least
     assert found.unshared_emissivity == (0.01, 0.01)
     assert found.stated_K == pytest.approx((13.25**0.5, 13.25**0.5))
-    camera = run.scene.camera.model_copy(update={"rays_per_pixel": 4})
-    finer = replace(run, scene=run.scene.model_copy(update={"camera": camera}))
+    finer = with_causes(*causes, **{"camera.rays_per_pixel": 4})
     assert difference(run, finer).unshared_K == pytest.approx((4.25**0.5, 4.25**0.5))
-    spray = run.scene.spray.model_copy(update={"time_s": 0.9e-3})
-    apart = replace(run, scene=run.scene.model_copy(update={"spray": spray}))
-    found = difference(run, apart)
+    found = difference(run, with_causes(*causes, **{"spray.time_s": 0.9e-3}))
     assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
 
 
 def test_pixel_sampling_is_shared_where_the_rays_are_the_same() -> None:
     """The rays that each image chose for itself are compared in every pixel."""
-    run = open_run(WRITTEN)
-    run = replace(run, scene=run.scene.with_(**{"camera.rays_per_pixel": "auto"}))
     causes = Cause("pixel sampling", 2.0, "", shared_by="pixels"), Cause("trace", 0.5, "")
-    one, other = (with_causes(run, *causes, order=order) for order in (3, 4))
-    map_K = np.full(run.maps.reason.shape, 2.0, np.float32)
+    one, other = (
+        with_causes(*causes, **{"transport.order": order, "camera.rays_per_pixel": "auto"})
+        for order in (3, 4)
+    )
+    map_K = np.full(one.maps.reason.shape, 2.0, np.float32)
     one, other = (
         replace(each, error_maps={"pixel sampling": map_K, "total": np.hypot(map_K, 0.5)})
         for each in (one, other)
@@ -329,9 +331,8 @@ def test_pixel_sampling_is_shared_where_the_rays_are_the_same() -> None:
 
 def test_half_of_an_error_of_unknown_image_is_common() -> None:
     """Against a measurement: cells are wrong alike in whole areas, rays in each pixel."""
-    run = open_run(WRITTEN)
     causes = Cause("cells", 3.0, "", shared_by="cells"), Cause("trace", 0.5, "", shared_by="seed")
-    run = with_causes(run, *causes, order=None)
+    run = with_causes(*causes, **{"transport.order": None})
     whole = np.full(run.maps.reason.shape, float(np.hypot(3.0, 0.5)))
     run = replace(run, error_maps={"total": whole.astype(np.float32)})
     counted = unshared(replace(open_shown(run), name="model"), shown(whole)).baseline
@@ -360,35 +361,26 @@ def test_what_the_code_changed_is_not_shared() -> None:
         assert (found.shared, found.code) == (shared, (room,))
 
 
-def with_causes(run: Run, *causes: Cause, order: int | None) -> Run:
-    """A run of an order with these errors, in memory."""
-    scene = run.scene.with_(**{"transport.order": order})
-    info = replace(run.info, errors=Errors(causes), plan={})
-    return replace(run, scene=scene, folder=None, info=info, error_maps={})
-
-
 def test_what_one_alone_omits_is_tested_and_no_error() -> None:
     """An omission is the same in every repetition of a run, so it explains no difference."""
-    run = open_run(WRITTEN)
     trace, name = Cause("trace", 0.5, "", shared_by="seed"), "orders of scattering"
     for error_K in (3.0, None):
         omitted = Cause(name, error_K, "", "transport.order", shared_by=OMISSION)
-        whole = with_causes(run, trace, order=None)
-        first, second = (with_causes(run, trace, omitted, order=n) for n in (1, 2))
+        whole = with_causes(trace, **{"transport.order": None})
+        first, second = (with_causes(trace, omitted, **{"transport.order": n}) for n in (1, 2))
         for pair in ((first, whole), (whole, first), (first, second)):
             found = difference(*pair)
             assert found.unshared_K == (0.5, 0.5) and not found.at_least
             assert (found.tested, found.shared) == ((name,), ())
-        found = difference(first, with_causes(run, trace, omitted, order=1))
+        found = difference(first, with_causes(trace, omitted, **{"transport.order": 1}))
         assert (found.tested, found.shared) == ((), (name, "trace"))
 
 
 def test_a_recording_has_the_errors_of_its_trace_in_every_pixel(tmp_path: Path) -> None:
     """Against another run: its noise and the trace's own error, 0.5 K, in quadrature."""
     folder = Path(shutil.copytree(WRITTEN, tmp_path / "run"))
-    run = open_run(WRITTEN)
     trace = Cause("trace", 0.5, "", shared_by="seed")
-    other, mine = (with_causes(run, trace, order=order) for order in (3, 4))
+    other, mine = (with_causes(trace, **{"transport.order": order}) for order in (3, 4))
     recorded = replace(open_shown(folder / "acquisition"), traced=mine)
     assert recorded.error_map_K is not None
     counted = unshared(open_shown(other), recorded).compared
@@ -397,9 +389,7 @@ def test_a_recording_has_the_errors_of_its_trace_in_every_pixel(tmp_path: Path) 
 
 def test_a_line_is_a_run_with_one_quantity_changed() -> None:
     """A measurement that lies between a run and its variant is explained by half a spread."""
-    run = open_run(WRITTEN)
-    errors = Errors((Cause("trace", 0.2, ""),))
-    run = replace(run, folder=None, info=replace(run.info, errors=errors), error_maps={})
+    run = with_causes(Cause("trace", 0.2, ""))
     warm = run.maps.apparent_temperature_K
     variant = replace(run, maps=replace(run.maps, apparent_temperature_K=warm + np.float32(8.0)))
     x, _, z = run.scene.target_m
@@ -426,10 +416,8 @@ def test_warmer_walls_are_named_with_their_size(swap: bool) -> None:
 
     Scattered light of the walls is the tenth of the droplets' light in the written run.
     """
-    run = open_run(WRITTEN)
+    run = with_causes(Cause("trace", 0.05, "", shared_by="seed"))
     run = reevaluated(run, run.scene)  # its maps are those of an older version
-    info = replace(run.info, errors=Errors((Cause("trace", 0.05, "", shared_by="seed"),)))
-    run = replace(run, folder=None, info=info, error_maps={})
     walls_K = run.scene.walls.temperature_K
     warmer = reevaluated(run, run.scene.with_(**{"walls.temperature_K": walls_K + 20.0}))
     pair = (warmer, run) if swap else (run, warmer)
