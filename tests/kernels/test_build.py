@@ -59,12 +59,12 @@ def test_compiler_errors_name_the_kernel_file(
 
     monkeypatch.setattr(kernel_source, "read_source", broken)
     with pytest.raises(KernelError, match=r"kernels/real\.h:3"):
-        build(device, "count.cl", {})
+        build(device, "boundary_shares.cl", {})
 
 
 def test_lines_that_a_compiler_counts_itself_are_named_by_file() -> None:
     """NVIDIA's ignores `#line`: line 47 of the whole text was line 3 of real.h."""
-    source = assemble("count.cl")
+    source = assemble("boundary_shares.cl")
     line = source.splitlines().index('#line 1 "kernels/real.h"') + 4
     log = f"<kernel>:{line}:1: error: unknown type\n<kernel>:99999:1: error"
     assert (
@@ -74,13 +74,16 @@ def test_lines_that_a_compiler_counts_itself_are_named_by_file() -> None:
 
 
 def test_what_was_built_is_built_once_a_device(device: Device) -> None:
-    defines = {"EMITTERS": 1}
-    first, again = build(device, "count.cl", defines), build(device, "count.cl", defines)
-    other = build(device, "count.cl", {"EMITTERS": 2})
+    defines = {"N_PATCHES": 1}
+    first, again = (
+        build(device, "boundary_shares.cl", defines),
+        build(device, "boundary_shares.cl", defines),
+    )
+    other = build(device, "boundary_shares.cl", {"N_PATCHES": 2})
     made = [program.built.program for program in (first, again, other)]
     assert made[0] is made[1] is not made[2]
     assert again.defines == defines
-    more = build(device, "count.cl", {**defines, "ELSEWHERE": 1})
+    more = build(device, "boundary_shares.cl", {**defines, "ELSEWHERE": 1})
     assert more.built.program is made[0] and more.defines == defines
 
 
@@ -98,7 +101,7 @@ def test_a_program_is_compiled_under_a_lock(
 
     monkeypatch.setattr(compilation, "_from_source", watched)
     monkeypatch.setattr(compilation, "default_cache", lambda: tmp_path)
-    build(device, "count.cl", {}, preamble="#define LOCKED 1")
+    build(device, "boundary_shares.cl", {}, preamble="#define LOCKED 1")
     [lock] = tmp_path.rglob("*.lock")
     with FileLock(lock, timeout=0):
         pass

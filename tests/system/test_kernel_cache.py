@@ -72,7 +72,8 @@ def test_a_full_cache_is_an_error_that_names_it(what: str, tmp_path: Path) -> No
 def test_processes_on_an_empty_cache_all_build(count: int, tmp_path: Path) -> None:
     """Every one of them, the same programs at the same time."""
     several = "\n".join(
-        f"built('count.cl', {{'EMITTERS': {number}}})" for number in range(3 if count < 10 else 12)
+        f"built('boundary_shares.cl', {{'N_PATCHES': {number}}})"
+        for number in range(3 if count < 10 else 12)
     )
     children = [process(BUILD + several, tmp_path) for _ in range(count)]
     said = [child.communicate()[1] for child in children]
