@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -154,7 +155,7 @@ def test_medians_are_of_the_acquired_maps() -> None:
 def test_a_report_older_than_its_trace_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny_scene: Scene
 ) -> None:
-    stored = SimpleNamespace(measured=object())
+    stored: Any = SimpleNamespace(measured=object())
     monkeypatch.setattr("cldit.api.series.stored_run", lambda folder, scene: stored)
     report, trace = tmp_path / "report.html", tmp_path / "run.json"
     for path in (report, trace):
