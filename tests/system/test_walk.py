@@ -48,6 +48,7 @@ NOT = {
     "cldit study all": "an hour; the same with --quick is run in the tier `long`",
     "cldit study models": "an hour; `models_small` of tests/bench is its small size",
     "cldit fit": "a measurement of the reader's scene; tests/unit/study runs it on a twin",
+    "from dask_jobqueue": "needs SLURM; test_sweep.py has a command that stands for it",
     "cldit check-driver modbus_blackbody": "needs an instrument; tests/drivers has an emulated one",
 }
 ONLY_LONG = ("cldit study fig12", "cldit study all --quick", "cldit study walls --quick")
