@@ -151,20 +151,9 @@ def evaluate_folder(
         place = maps_of_group(recorded.folder, recorded.plan, group)
         recorded = recorded.of_group(group)
         missing = recorded.missing
-    evaluate = partial(evaluate_shots, curve=curve, accept=accept, progress=progress)
-    try:
-        evaluation = evaluate(recorded)
-    except RunFolderError:
-        if isinstance(recorded, Measured):
-            raise
-        recorded = recorded.whole()  # reads every image, so only after damage
-        try:
-            evaluation = evaluate(recorded)
-        except EvaluationError as error:  # too few remain
-            raise EvaluationError("\n".join([*recorded.damage, str(error)])) from error
-    finally:
-        if isinstance(recorded, Measured):
-            recorded.close()
+    recorded, evaluation = _evaluated(
+        recorded, partial(evaluate_shots, curve=curve, accept=accept, progress=progress)
+    )
     remarks = list(recorded.damage) if isinstance(recorded, Acquisition) else []
     if missing:
         ellipsis = ", .." if len(missing) > 5 else ""
@@ -178,6 +167,25 @@ def evaluate_folder(
     )
     evaluation.save(place, pixel_m=recorded.pixel_m)
     return evaluation
+
+
+def _evaluated(
+    recorded: Acquisition | Measured, evaluate: Callable[[Acquisition | Measured], Evaluation]
+) -> tuple[Acquisition | Measured, Evaluation]:
+    """The evaluation, and the data that it is of: without the shots that are damaged."""
+    try:
+        return recorded, evaluate(recorded)
+    except RunFolderError:
+        if isinstance(recorded, Measured):
+            raise
+        whole = recorded.whole()  # reads every image, so only after damage
+        try:
+            return whole, evaluate(whole)
+        except EvaluationError as error:  # too few remain
+            raise EvaluationError("\n".join([*whole.damage, str(error)])) from error
+    finally:
+        if isinstance(recorded, Measured):
+            recorded.close()
 
 
 def _group(acquisition: Acquisition, group: Group | None) -> Group:

@@ -150,17 +150,7 @@ def visible_light(lab: Lab) -> Results:
         seen[case] = light, replace(frame_of(scene), axes=("x", "y"))
         pixels = spray_of(run)
         light_m = within_m(np.hypot(pixels.x_m, pixels.z_m).ravel(), light.ravel())
-        assert spray.parcels is not None
-        radius_m = np.hypot(*spray.parcels.position_m[:, :2].T)
-        rows[case] = {
-            "gas": case,
-            "projected penetration of the light / mm": light_m * 1e3,
-            "of the liquid / mm": within_m(radius_m, spray.parcels.masses_kg) * 1e3,
-            "penetration / mm": spray.notes["liquid_penetration_m"] * 1e3,
-            "vapour penetration / mm": spray.notes["vapour_penetration_m"] * 1e3,
-            "liquid / mg": spray.notes["liquid_mass_kg"] * 1e6,
-            "vapour / mg": spray.notes["vapour_mass_kg"] * 1e6,
-        }
+        rows[case] = {"gas": case, **_reaches(spray, light_m)}
     plumes_mm = _plumes_mm(spray)
     light_mm = {case: float(row["projected penetration of the light / mm"])
                 for case, row in rows.items()}  # fmt: skip
@@ -194,6 +184,20 @@ def visible_light(lab: Lab) -> Results:
         table=list(rows.values()),
         sheets={"below": _light_sheet(seen)},
     )
+
+
+def _reaches(spray: Spray, light_m: float) -> Row:
+    """How far light, liquid and vapour of the spray reach, and the masses of both phases."""
+    assert spray.parcels is not None
+    radius_m = np.hypot(*spray.parcels.position_m[:, :2].T)
+    return {
+        "projected penetration of the light / mm": light_m * 1e3,
+        "of the liquid / mm": within_m(radius_m, spray.parcels.masses_kg) * 1e3,
+        "penetration / mm": spray.notes["liquid_penetration_m"] * 1e3,
+        "vapour penetration / mm": spray.notes["vapour_penetration_m"] * 1e3,
+        "liquid / mg": spray.notes["liquid_mass_kg"] * 1e6,
+        "vapour / mg": spray.notes["vapour_mass_kg"] * 1e6,
+    }
 
 
 def _plumes_mm(spray: Spray) -> list[float]:
