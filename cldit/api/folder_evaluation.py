@@ -1,6 +1,6 @@
 """Evaluation of the shots in a folder, of an acquisition or measured; maps are stored beside."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -154,15 +154,9 @@ def evaluate_folder(
     recorded, evaluation = _evaluated(
         recorded, partial(evaluate_shots, curve=curve, accept=accept, progress=progress)
     )
-    remarks = list(recorded.damage) if isinstance(recorded, Acquisition) else []
-    if missing:
-        ellipsis = ", .." if len(missing) > 5 else ""
-        remarks.insert(
-            0, f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}{ellipsis})"
-        )
     evaluation = replace(
         evaluation,
-        remarks=(*remarks, *evaluation.remarks),
+        remarks=(*_remarks(recorded, missing), *evaluation.remarks),
         origin=Origin.now(inputs=files_read(recorded.inputs)),
     )
     evaluation.save(place, pixel_m=recorded.pixel_m)
@@ -186,6 +180,15 @@ def _evaluated(
     finally:
         if isinstance(recorded, Measured):
             recorded.close()
+
+
+def _remarks(recorded: Acquisition | Measured, missing: Sequence[str]) -> tuple[str, ...]:
+    """Remarks on shots that are missing or damaged."""
+    damage = recorded.damage if isinstance(recorded, Acquisition) else ()
+    if not missing:
+        return tuple(damage)
+    shown = ", ".join(missing[:5]) + (", .." if len(missing) > 5 else "")
+    return f"{len(missing)} shots of the plan are missing ({shown})", *damage
 
 
 def _group(acquisition: Acquisition, group: Group | None) -> Group:

@@ -314,13 +314,12 @@ def prepare(
     limit = cells_that_fit(device, wavelengths=count, phase=phase, sweeps=sweeps)
     if cube_m is not None:
         assert isinstance(spec, ConeSpray)
-        spacing_m = spec.lattice_m
-        cube, frame = lattice_frames(scene.domain, sources, edge_m=cube_m, spacing_m=spacing_m)
+        cube, frame = lattice_frames(scene.domain, sources, edge_m=cube_m, spacing_m=spec.lattice_m)
     else:
         voxels = isinstance(scene.spray, GridSpray)
         frame, remarks = chosen_frame(scene.domain, sources, device, limit=limit, voxels=voxels)
         cube = frame
-        if isinstance(scene.spray, GridSpray) or not scene.transport.audit:
+        if voxels or not scene.transport.audit:
             stages.remark(remarks)  # else the run chooses cells by their error
     return Prepared(
         scene=scene,
