@@ -48,7 +48,6 @@ from cldit.camera.correlation import correlation
 
 LEVEL, POWER = 0.01, 0.95  # of the test
 _APART = 0.5  # least share of a shift's square beside the modes
-_SEEN = 1.0  # least variance along a mode, of that of the noise
 _MANY = 1e7  # degrees of freedom of what is as good as known
 
 
@@ -221,9 +220,9 @@ def combined_degrees(
 
 
 def _orthonormal(rows: Floats) -> Floats:
-    """Orthonormal rows of the same span, without directions shorter than 1."""
+    """Orthonormal rows of the same span, without directions shorter than 1, that of the noise."""
     values, vectors = np.linalg.eigh(rows @ rows.T)
-    seen = values > max(_SEEN, 1e-9 * values.max(initial=0.0))
+    seen = values > max(1.0, 1e-9 * values.max(initial=0.0))
     return np.asarray((vectors[:, seen] / np.sqrt(values[seen])).T @ rows)
 
 

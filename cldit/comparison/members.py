@@ -31,11 +31,9 @@ from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.run import Run
 from cldit.run.ensemble import INJECTIONS, member_folder
 
-_MOST = 3  # components, and at most a third of the injections
+_MOST = 3  # components, and at most a third of the injections or a quarter of those of both
 _SMALL = 0.02  # share of the squares of a component that is left to the rest
-_MOST_COMMON = 3  # components of all members, and at most a quarter of these
 _EXACT = 5000  # divisions that are all tried; else so many are drawn
-_SEED = 1
 
 
 @dataclass(frozen=True)
@@ -232,7 +230,7 @@ def permutation_p(baseline: Floats, compared: Floats) -> float:
     pooled = np.concatenate([baseline, compared])
     pooled = pooled - pooled.mean(axis=0)
     squares, turn = np.linalg.eigh(pooled @ pooled.T)
-    count = min(_MOST_COMMON, len(pooled) // 4)
+    count = min(_MOST, len(pooled) // 4)
     kept = [k for k in np.argsort(squares)[::-1][:count] if squares[k] > 1e-12 * squares.sum()]
     scores = turn[:, kept]  # of variance 1 / (n + m - 1) each
     if not kept:
@@ -250,6 +248,6 @@ def permutation_p(baseline: Floats, compared: Floats) -> float:
         sides = np.zeros((len(divisions), len(pooled)))
         np.put_along_axis(sides, np.array(divisions), 1.0, axis=1)
         return float(np.mean(statistic(sides) >= true))
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(1)
     sides = rng.permuted(np.repeat(marked, _EXACT, axis=0), axis=1)
     return float((1 + np.count_nonzero(statistic(sides) >= true)) / (1 + _EXACT))
