@@ -12,7 +12,6 @@ from cldit.scene import Scene, load_scene, parse_scene
 
 FOLDER = Path(__file__).parent / "references"
 _FIELD = {"field_m": [0.16, 0.16], "target_m": None}  # that of the stored references
-_GAS_M = {"methane-jet": 1.5e-3}  # likewise
 STEP_K = 0.01  # of stored temperatures, in 16 bits
 
 
@@ -39,7 +38,6 @@ def budget_scene(name: str, *, pixels: int, folder: Path, seed: int = 1, draws: 
         scene["optics"]["preset"] = "spectral"
     if scene["spray"]["model"] == "lagrangian":
         scene["spray"]["seed"] = seed
-        scene["spray"]["box"]["spacing_m"] = _GAS_M.get(name, scene["spray"]["box"]["spacing_m"])
     return parse_scene(scene)
 
 
