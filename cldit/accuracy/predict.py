@@ -91,7 +91,7 @@ def coarse_estimates(tracer: VariantTracer) -> tuple[Estimate, ...]:
     Those of rays and ordinates are errors of the image on these cells.
     """
     scene, prepared = tracer.scene, tracer.prepared
-    listed = [source for source in SOURCES if _is_listed(source, prepared)]
+    listed = [source for source in SOURCES if told_before_cells(source, prepared)]
     if not listed:
         return ()
     estimates: list[Estimate] = []
@@ -114,8 +114,8 @@ def coarse_estimates(tracer: VariantTracer) -> tuple[Estimate, ...]:
     return tuple(estimate for estimate in estimates if estimate.error_K is not None)
 
 
-def _is_listed(source: ErrorSource, prepared: Prepared) -> bool:
-    """True if coarse cells tell the error of a source whose choice does not wait for the image."""
+def told_before_cells(source: ErrorSource, prepared: Prepared) -> bool:
+    """True if coarse cells tell the error of a source: of a cone, or fixed by the scene."""
     if not source.applies(prepared):
         return False
     if source.of_spray:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import cldit
+from cldit.accuracy.predict import told_before_cells
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.scene import Scene, load_scene
@@ -43,6 +45,23 @@ def test_a_key_fixes_its_source_alone(name: str, key: str, value: Any) -> None:
     for other in SOURCES:
         if other is not source and key != "domain.leaf_edge_m":  # the lattice follows free cells
             assert other.is_free(without) == other.is_free(fixed)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "values"),
+    [
+        ("trace", "transport.directions", (None, 16)),
+        ("wavelengths", "optics.wavelengths", (None, 4)),
+        ("pixel sampling", "camera.rays_per_pixel", ("auto", 1)),
+        ("cells", "domain.leaf_edge_m", (None, 1e-3)),
+    ],
+)
+def test_what_a_key_fixes_is_told_before_the_cells(name: str, key: str, values: Any) -> None:
+    """Not the cells themselves, nor a source that waits for its share."""
+    source = BY_NAME[name]
+    free, fixed = (SimpleNamespace(scene=with_key(key, given)) for given in values)
+    assert not told_before_cells(source, free)  # type: ignore[arg-type]
+    assert told_before_cells(source, fixed) == (name != "cells")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", cldit.shipped_scenes())
