@@ -161,7 +161,7 @@ def visible_light(lab: Lab) -> Results:
             "liquid / mg": spray.notes["liquid_mass_kg"] * 1e6,
             "vapour / mg": spray.notes["vapour_mass_kg"] * 1e6,
         }
-    plumes_mm = _plumes_mm(spray)
+    plumes_mm = reach_of_plumes_mm(spray)
     light_mm = {case: float(row["projected penetration of the light / mm"])
                 for case, row in rows.items()}  # fmt: skip
 
@@ -196,7 +196,7 @@ def visible_light(lab: Lab) -> Results:
     )
 
 
-def _plumes_mm(spray: Spray) -> list[float]:
+def reach_of_plumes_mm(spray: Spray) -> list[float]:
     """Projected penetration of the liquid of each of eight plumes."""
     assert spray.parcels is not None
     x, y = spray.parcels.position_m[:, :2].T
