@@ -151,7 +151,7 @@ def visible_light(lab: Lab) -> Results:
         pixels = spray_of(run)
         light_m = within_m(np.hypot(pixels.x_m, pixels.z_m).ravel(), light.ravel())
         rows[case] = {"gas": case, **_reaches(spray, light_m)}
-    plumes_mm = _plumes_mm(spray)
+    plumes_mm = reach_of_plumes_mm(spray)
     light_mm = {case: float(row["projected penetration of the light / mm"])
                 for case, row in rows.items()}  # fmt: skip
 
@@ -200,7 +200,7 @@ def _reaches(spray: Spray, light_m: float) -> Row:
     }
 
 
-def _plumes_mm(spray: Spray) -> list[float]:
+def reach_of_plumes_mm(spray: Spray) -> list[float]:
     """Projected penetration of the liquid of each of eight plumes."""
     assert spray.parcels is not None
     x, y = spray.parcels.position_m[:, :2].T

@@ -144,7 +144,7 @@ def _condition_row(case: str, run: Run) -> Row:
 
 
 def conditions(lab: Lab) -> Results:
-    """Four conditions at one wavelength; the coldest through the filter and without it."""
+    """Five conditions at one wavelength; the coldest through the filter and without it."""
     at: dict[float, Run] = {}
     runs: dict[str, Run] = {}
     for MPa in GASES_K:

@@ -85,6 +85,13 @@ def test_seeds_and_cells_reach_the_scene() -> None:
     assert scene.box.spacing_m == 2 * fine.box.cell_m  # type: ignore[union-attr]
 
 
+def test_reduced_pixels_are_square() -> None:
+    """125 x 250 over the 57 x 114 mm of the methane jet."""
+    camera = Lab(quick=True).shipped("methane-jet").camera
+    assert camera.pixels == (125, 250)
+    assert camera.field_m[0] / 125 == camera.field_m[1] / 250
+
+
 def test_help_lists_all_studies_with_their_figures() -> None:
     shown = " ".join(CliRunner().invoke(main, ["study", "--help"]).output.split())
     for study in STUDIES:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cldit.spray.result import Parcels, Spray
-from cldit.study.paper.instruments import from_below, within_m
+from cldit.study.paper.instruments import from_below, reach_of_plumes_mm, within_m
 
 
 def test_circle_of_an_even_disc() -> None:
@@ -22,3 +22,13 @@ def test_lower_end_is_nearest_to_the_camera() -> None:
     parcels = Parcels(np.array([[1e-3, 2e-3, -3e-2]]), 9e-6 * one, one, 350 * one, 600 * one)
     seen = from_below(Spray(parcels=parcels)).parcels
     assert seen is not None and seen.position_m.tolist() == [[1e-3, -3e-2, 2e-3]]
+
+
+def test_each_plume_has_its_own_penetration() -> None:
+    """A droplet on the axis of each of eight plumes, 1 to 8 mm from the injector's axis."""
+    angle = np.radians(22.5 + 45.0 * np.arange(8))
+    radius_m = 1e-3 * np.arange(1.0, 9.0)
+    place = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), -0.02 * np.ones(8)], 1)
+    one = np.ones(8)
+    parcels = Parcels(place, 9e-6 * one, one, 350 * one, 600 * one)
+    assert reach_of_plumes_mm(Spray(parcels=parcels)) == pytest.approx([1, 2, 3, 4, 5, 6, 7, 8])
