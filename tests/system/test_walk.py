@@ -247,7 +247,8 @@ def _printed(path: Path, page: str) -> None:
     block = rf"^```yaml\n(# {re.escape(path.name)}\n.*?)^```"
     printed = re.search(block, text_of(page), re.M | re.S)
     assert printed is not None
-    path.write_text(printed[1], encoding="utf-8")
+    of_flow = r"^spray\.mixing_length: .*\n"  # the reader's scene has no flow
+    path.write_text(re.sub(of_flow, "", printed[1], flags=re.M), encoding="utf-8")
 
 
 def _rig(path: Path, walk: Walk) -> None:
