@@ -179,6 +179,7 @@ def conditions(lab: Lab) -> Results:
                 for lower_MPa, higher_MPa in pairwise(at)
             ),
             "rim_change_K": mean_K(at[0.6], halo) - gas_K,
+            "dry_change_K": mean_K(at[0.6], vapour_only(at[0.6])) - gas_K,
             "near": 100.0 * float(np.mean(np.abs(seen_K - gas_K) < 20.0)) if seen_K.size else _NAN,
         },
         table=rows,
