@@ -172,11 +172,11 @@ def _evaluated(
     except RunFolderError:
         if isinstance(recorded, Measured):
             raise
-        whole = recorded.whole()  # reads every image, so only after damage
+        undamaged = recorded.whole()  # reads every image, so only after damage
         try:
-            return whole, evaluate(whole)
+            return undamaged, evaluate(undamaged)
         except EvaluationError as error:  # too few remain
-            raise EvaluationError("\n".join([*whole.damage, str(error)])) from error
+            raise EvaluationError("\n".join([*undamaged.damage, str(error)])) from error
     finally:
         if isinstance(recorded, Measured):
             recorded.close()

@@ -187,7 +187,7 @@ def visible_light(lab: Lab) -> Results:
 
 
 def _reaches(spray: Spray, light_m: float) -> Row:
-    """How far light, liquid and vapour of the spray reach, and the masses of both phases."""
+    """Reach of light, liquid and vapour of the spray, and the masses of both phases."""
     assert spray.parcels is not None
     radius_m = np.hypot(*spray.parcels.position_m[:, :2].T)
     return {
