@@ -3,10 +3,10 @@
     python -m tests.bench budget_reference --scene gdi-cone --scene droplets-only --pixels 100
 
 All that a run chooses is much finer here: cells, lattice and size classes of the cone, ordinates,
-wavelengths. A computed spray is the mean over many seeds, on the gas grid of the scene, whose error
-is excluded. A second image with cells and lattice twice as coarse gives the error of the reference;
-the effect of many size classes is added from there. The difference between the images of two halves
-of the seeds gives the noise of a computed spray.
+wavelengths. A computed spray with droplets is the mean over many seeds, on the gas grid of the
+scene, whose error is excluded. A second image with cells and lattice twice as coarse gives the
+error of the reference; the effect of many size classes is added from there. The difference between
+the images of two halves of the seeds gives the noise of a computed spray.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import simulate
 from cldit.scene import Scene
+from cldit.scene.spray import LagrangianSpray
 from cldit.spray.flow.sampled import SPACING_m
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
@@ -153,7 +154,8 @@ def main() -> None:
             scene = budget_scene(
                 name, pixels=given.pixels, folder=Path(folder), seed=_FIRST_SEED, draws=draws
             )
-            computed = scene.spray.model == "lagrangian"
+            spec = scene.spray
+            computed = isinstance(spec, LagrangianSpray) and spec.droplets is not None
             spray = mean_spray(scene, given, seeds_of(given)) if computed else None
             fine, coarse = (
                 picture(finest(scene, given, coarser=coarser), spray, device) for coarser in (1, 2)
