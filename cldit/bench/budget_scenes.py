@@ -12,6 +12,7 @@ from cldit.scene import Scene, load_scene, parse_scene
 
 FOLDER = Path(__file__).parent / "references"
 _FIELD = {"field_m": [0.16, 0.16], "target_m": None}  # that of the stored references
+_GAS_m = 0.64e-3  # gas of a computed spray, as a run chooses it for 4 K: its reference has it too
 STEP_K = 0.01  # of stored temperatures, in 16 bits
 
 
@@ -38,6 +39,7 @@ def budget_scene(name: str, *, pixels: int, folder: Path, seed: int = 1, draws: 
         scene["optics"]["preset"] = "spectral"
     if scene["spray"]["model"] == "lagrangian":
         scene["spray"]["seed"] = seed
+        scene["spray"]["box"]["spacing_m"] = scene["spray"]["box"]["spacing_m"] or _GAS_m
     return parse_scene(scene)
 
 
