@@ -3,7 +3,7 @@
 ASKED_K = (4.0, 2.0, 1.0)  # default tolerances of a run
 BUDGET_SCENES = (  # with a reference
     "gdi-cone",
-    "gdi-flow",
+    "gdi",
     "droplets-only",
     "methane-jet",
     "imported",

@@ -193,9 +193,9 @@ def budget_part(
         + ", ".join(f"{error_K:.2g} K ({name})" for name, error_K in references_K.items())
         + f". All runs take {number(sum(row.core_s for row in rows) / 60)} core-min."
     ]
-    if {"gdi-flow", "imported"} & set(references_K):
+    if {"gdi", "imported"} & set(references_K):
         paragraphs.append(
-            "References of gdi-flow and of the imported case have the gas grid of the run: its "
+            "References of gdi and of the imported case have the gas grid of the run: its "
             "error is in neither."
         )
     commits = sorted({row.commit for row in rows} - {""})

@@ -121,7 +121,7 @@ def test_page_of_rows() -> None:
     causes = {"trace": 0.3, "gas grid": None}
     rows = [
         BudgetRow("gdi", 1.0, 0.9, False, 0.8, 20.0, 11.0, {"trace": 0.3}),
-        BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, causes),
+        BudgetRow("methane-jet", 1.0, 2.0, True, 2.5, 60.0, 40.0, causes),
     ]
     part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, missing=["even-grid"])
     (first,) = part.tables
@@ -135,8 +135,8 @@ def test_page_of_seeds() -> None:
     rows = [
         BudgetRow("gdi", 1.0, 0.9, False, 0.6, 20.0, 11.0, {"trace": 0.3}),
         BudgetRow("gdi", 1.0, 0.8, False, 0.8, 21.0, 12.0, {"trace": 0.2}, seed=2),
-        BudgetRow("gdi-flow", 1.0, None, True, 2.5, 60.0, 40.0, {"trace": None}),
-        BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, {"trace": 0.2}, seed=2),
+        BudgetRow("methane-jet", 1.0, None, True, 2.5, 60.0, 40.0, {"trace": None}),
+        BudgetRow("methane-jet", 1.0, 2.0, True, 2.5, 60.0, 40.0, {"trace": 0.2}, seed=2),
     ]
     part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, missing=[])
     (seeds,) = part.tables
