@@ -118,17 +118,23 @@ def load_driver(name: str) -> Factory:
             f"driver: {name!r} is not installed{hint} "
             f"allowed: {', '.join(installed) or 'none (reinstall cldit)'}"
         )
+    entry = installed[name]
     try:
-        factory: Factory = installed[name].load()
+        factory: Factory = entry.load()
+        about = getattr(import_module(entry.module), "ABOUT", None)
+        needs = about.needs if isinstance(about, DriverAbout) else ()
+        if isinstance(about, DriverAbout) and (missing := about.missing()):
+            raise SceneError(
+                f"driver: {name!r} needs {', '.join(missing)}, which this Python does not have; "
+                f"{about.install}"
+            )
+        # Here, by one thread: modules that import each other, first imported by the threads that
+        # connect the instruments, can wait for each other.
+        for module in needs:
+            import_module(module)
     except (ImportError, AttributeError) as error:
         raise SceneError(
-            f"driver: {name!r} ({installed[name].value}) cannot be loaded: {error}; "
+            f"driver: {name!r} ({entry.value}) cannot be loaded: {error}; "
             "install the modules that it needs"
         ) from error
-    about = getattr(import_module(installed[name].module), "ABOUT", None)
-    if isinstance(about, DriverAbout) and (missing := about.missing()):
-        raise SceneError(
-            f"driver: {name!r} needs {', '.join(missing)}, which this Python does not have; "
-            f"{about.install}"
-        )
     return factory

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -146,6 +147,20 @@ def test_an_error_inside_keeps_its_place(tiny_rig: dict[str, Any]) -> None:
     with pytest.raises(ZeroDivisionError) as caught, replace(open_rig(tiny_rig), **broken):
         raise ZeroDivisionError
     assert "camera: make_safe failed" in "".join(caught.value.__notes__)
+
+
+def test_what_a_driver_needs_is_imported_with_it() -> None:
+    """By the thread that loads the rig: the threads that connect its instruments would import
+    modules that import each other, and wait for each other."""
+    pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig]")
+    code = """
+import sys
+from cldit.rig.drivers import load_driver
+load_driver("line_blackbody")
+print({"pyvisa", "pyvisa.constants", "pyvisa_py", "serial"} - sys.modules.keys())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "set()\n", done.stderr
 
 
 def test_what_a_driver_needs_is_named(
