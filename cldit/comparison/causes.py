@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -197,11 +198,15 @@ class _Fit:
         modes = np.array(images).reshape(len(images), z.size) / noise
         return cls(where, noise, z, modes, nominal.correlated)
 
+    @cached_property
+    def _solved(self) -> Floats:
+        """Modes (M, N) by the inverse of their products, for all images."""
+        b = self.modes
+        return np.asarray(np.linalg.solve(self.even * np.eye(len(b)) + b @ b.T, b))
+
     def _less_modes(self, values: Floats) -> Floats:
         """Values (N,) less the modes that fit them best: C^-1 k in units of the noise."""
-        b = self.modes
-        inner = self.even * np.eye(len(b)) + b @ b.T
-        return np.asarray(values - (b @ values) @ np.linalg.solve(inner, b))
+        return np.asarray(values - (self.modes @ values) @ self._solved)
 
     def size_of(self, image: Floats) -> tuple[float, float]:
         """Best size of an image (H, W), and its weight k' C^-1 k."""

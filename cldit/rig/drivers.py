@@ -122,16 +122,16 @@ def load_driver(name: str) -> Factory:
     try:
         factory: Factory = entry.load()
         about = getattr(import_module(entry.module), "ABOUT", None)
-        needs = about.needs if isinstance(about, DriverAbout) else ()
-        if isinstance(about, DriverAbout) and (missing := about.missing()):
-            raise SceneError(
-                f"driver: {name!r} needs {', '.join(missing)}, which this Python does not have; "
-                f"{about.install}"
-            )
-        # Here, by one thread: modules that import each other, first imported by the threads that
-        # connect the instruments, can wait for each other.
-        for module in needs:
-            import_module(module)
+        if isinstance(about, DriverAbout):
+            if missing := about.missing():
+                raise SceneError(
+                    f"driver: {name!r} needs {', '.join(missing)}, which this Python does not "
+                    f"have; {about.install}"
+                )
+            # Here, by one thread: modules that import each other, first imported by the threads
+            # that connect the instruments, can wait for each other.
+            for module in about.needs:
+                import_module(module)
     except (ImportError, AttributeError) as error:
         raise SceneError(
             f"driver: {name!r} ({entry.value}) cannot be loaded: {error}; "

@@ -114,9 +114,9 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
 
 @pytest.mark.slow
 def test_what_no_plan_makes_smaller_is_named() -> None:
-    """One ray for a pixel of 4 mm errs by 5.8 K in gdi-cone, where 0.5 K are asked for: cells and
-    ordinates add at most a tenth to its square, and are no finer than that needs; the remark names
-    the rays."""
+    """One ray for a pixel of 4 mm has an error of 5.8 K in gdi-cone, for a tolerance of 0.5 K:
+    cells and ordinates add at most a tenth to its square, and are no finer than that needs; the
+    remark names the rays."""
     data: dict[str, Any] = cldit.load_scene("gdi-cone").model_dump(mode="json")
     data["camera"].update(pixels=[24, 24], rays_per_pixel=1)
     data["camera"].update(WHOLE)

@@ -1,4 +1,4 @@
-"""What is wrong with a file, and what is said: one table for all formats."""
+"""Faults of files and the messages that refuse them: one table for all formats."""
 
 from __future__ import annotations
 
